@@ -72,7 +72,23 @@ SHOWN = np.dtype(
     [("t_presented_ns", "<i8"), ("view", "<f8", (2, 2)), ("composed", "<i4"), ("face", "<i4")]
 )
 
+MIN_EYE_DISTANCE_PX = 0.5  # of a plausible face; a tracked one has at least 4 px
+MAX_EYE_PX = 1e6  # coordinates beyond it are outside every camera's picture
 MAX_PREDICTION_S = 0.25  # beyond a quarter of a second a straight line says nothing about a head
+
+
+def is_plausible_px(*values: float) -> bool:
+    """Whether all values are finite and within MAX_EYE_PX."""
+    return all(-MAX_EYE_PX <= value <= MAX_EYE_PX for value in values)  # false for NaN
+
+
+def low_pass_gain(dt_s: float, time_s: float) -> float:
+    """Share of the new value in a first-order low-pass of time constant time_s over dt_s >= 0:
+    backward Euler, within 0..1 for every step.
+
+    (Explicit Euler's share, dt / time, passes 2 at long steps and then grows without bound.)
+    """
+    return dt_s / (dt_s + time_s)
 
 
 def middle_of(eyes: Eyes) -> tuple[float, float]:
@@ -84,7 +100,7 @@ def middle_of(eyes: Eyes) -> tuple[float, float]:
 def extrapolated(
     position_px: NDArray[np.float64], velocity_px_s: NDArray[np.float64], prediction_ns: int
 ) -> NDArray[np.float64]:
-    """Where the eyes will be prediction_ns after their frame was taken; the horizon is clamped to
+    """Where the eyes will be prediction_ns after their frame was taken, a time that is clamped to
     0 .. MAX_PREDICTION_S.
 
     position_px, velocity_px_s: (2, 2). Returns (2, 2) px.

@@ -4,7 +4,7 @@ lfpipe.layouts    a module or object with NAME, detect and describe (`lfpipe.sce
 lfpipe.engines    a function of `config.Track` that returns a `lfpipe.track.engine.Engine`; a value
                   of track.engine
 lfpipe.filters    a function of `config.Track` and device_latency_s that returns a
-                  `lfpipe.track.smoothing.EyeFilter`; a value of track.filter
+                  `lfpipe.track.filters.base.EyeFilter`; a value of track.filter
 lfpipe.displays   a function of (argument, size_px, title, rate_hz) that returns a
                   `lfpipe.render.display.display.Display`; `--display NAME[:ARGUMENT]`
 

@@ -1,5 +1,5 @@
-"""Steps of the view when people come, go and are exchanged: the world of `lfpipe bench viewer` with
-real heads and the real networks in place of made faces.
+"""Steps of the view when people come, go and are exchanged: the simulator of `lfpipe bench viewer`
+with real heads and the real networks in place of synthetic faces.
 
     python -m profiling.eyes_people FACES [--loop-ms 80]
 
@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.bench.simulator.camera import TRACKED_MS, Camera, Frame, WorldEngine
+from lfpipe.bench.simulator.camera import TRACKED_MS, Camera, Frame, Observer
 from lfpipe.bench.simulator.metrics import viewpoint_metrics
 from lfpipe.bench.simulator.run import Run, Setup, Truth, watch
 from lfpipe.bench.simulator.screen import Screen
@@ -38,6 +38,7 @@ from lfpipe.bench.simulator.scripts import (
 )
 from lfpipe.render.viewer.presence import Rest
 from lfpipe.track.engine import Face
+from lfpipe.track.litert_engine import LitertEngine
 from profiling.arguments import existing, parser_of, start
 from profiling.eyes_conditions import Picture, Portrait, portraits
 from profiling.eyes_engines import frames
@@ -139,11 +140,11 @@ class Cut(NamedTuple):
         return np.asarray(scene * (1 - drawn[..., 3:]) + drawn[..., :3], np.float32)
 
 
-class Room(WorldEngine):
+class Portraits(Observer):
     """Sees the people of a script, with heads of portraits, before a scene."""
 
     def __init__(self, script: Script, heads: list[Cut], scene: NDArray[np.float32]) -> None:
-        super().__init__()
+        super().__init__(LitertEngine())
         self._people = list(zip(script.people, heads, strict=False))
         self._scene = scene
         self._random = np.random.default_rng(3)
@@ -162,11 +163,11 @@ class Room(WorldEngine):
         return np.asarray(np.clip(noisy, 0, 255), np.uint8)
 
 
-class Film(WorldEngine):
+class Film(Observer):
     """Sees a video. found: (ms, whether there is a face) of each frame."""
 
     def __init__(self, pictures: Iterator[Picture]) -> None:
-        super().__init__()
+        super().__init__(LitertEngine())
         self._pictures = pictures
         self._newest = next(pictures)
         self.found: list[tuple[float, bool]] = []
@@ -182,8 +183,8 @@ class Film(WorldEngine):
         return face, picture
 
 
-def script_row(script: Script, engine: WorldEngine, setup: Setup) -> str:
-    run = watch(setup, engine, script.count_ms / 1e3)
+def script_row(script: Script, observer: Observer, setup: Setup) -> str:
+    run = watch(setup, observer, script.count_ms / 1e3)
     metrics = viewpoint_metrics(run, Truth(setup, script), script)
     cells = [f"{metrics[key]:.2f}" if key in metrics else "" for key in COLUMNS]
     return f"| {script.name} | {' | '.join(cells)} |"
@@ -192,10 +193,10 @@ def script_row(script: Script, engine: WorldEngine, setup: Setup) -> str:
 def film_row(film: Path, screen: Screen) -> str:
     source = cv2.VideoCapture(str(film))
     rate_hz = source.get(cv2.CAP_PROP_FPS)
-    engine = Film(frames(film))
+    observer = Film(frames(film))
     setup = Setup(camera=Camera(rate_hz=rate_hz), screen=screen)
-    run: Run = watch(setup, engine, source.get(cv2.CAP_PROP_FRAME_COUNT) / rate_hz)
-    ms, faces = (np.array(column) for column in zip(*engine.found, strict=True))
+    run: Run = watch(setup, observer, source.get(cv2.CAP_PROP_FRAME_COUNT) / rate_hz)
+    ms, faces = (np.array(column) for column in zip(*observer.found, strict=True))
     changes_ms = ms[1:][faces[1:] != faces[:-1]] + TRACKED_MS + screen.device_latency_ms
     steps = np.abs(np.diff(run.views, axis=0)).max(axis=(1, 2))
     near = (np.abs(run.ms[1:, None] - changes_ms) < CHANGE_MS).any(axis=1)
@@ -220,7 +221,7 @@ def main() -> None:
         f" full depth, % |\n|---|{'---:|' * 5}"
     )
     for script in (*(script for script in SCRIPTS if not script.glitches), *OWN):
-        print(script_row(script, Room(script, heads, scene), setup), flush=True)
+        print(script_row(script, Portraits(script, heads, scene), setup), flush=True)
     print(
         f"\n| recording, {given.device_latency_ms:.0f} ms | pictures | lost or found |"
         f" step, tracked | step, lost or found | p99 | > .5, % |\n|---|{'---:|' * 6}"

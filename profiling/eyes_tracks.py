@@ -7,7 +7,7 @@ in every frame. Each stretch of more than 60 frames with a face runs offline as 
 it: measurements 10 ms old, a refresh every 1/60 s, eyes predicted to its middle; the paper's way,
 the mean of five, changes with the camera's frames instead. Truth is the track smoothed
 without causality: at each frame the parabola through its neighbours, weighted by a Gaussian of 50
-ms. Light leaves the screen 0, 40 or 80 ms later, and the eyes are predicted to that moment. Cameras
+ms. The picture is seen 0, 40 or 80 ms later, and the eyes are predicted to that time. Cameras
 of 60 and 120 Hz measure the truth, with the residuals of the real frames in random order as noise.
 --half takes every second stretch, from the first (even) or second (odd) one on.
 
@@ -18,22 +18,25 @@ from 1.0 to 0.25 distances/s, for 0.2 s), and all. Then, by stretch, the error o
 rows of the clips as recorded are bounds, not filters, chosen with each clip's own truth: Kalman's
 constant, and the best linear predictor from the last 8 steps.
 
-The table of bad frames: every 2 s landmarks are wrong, in distances between the eyes. How far that
+The table of bad frames: every 2 s landmarks are wrong, in eye distances. How far that
 moves the point between the eyes at most, in views (4 between the eyes), median stretch and worst.
 """
 
 import copy
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.simulator.tracks import read_table
-from lfpipe.config import Track
-from lfpipe.track.filters import make_filter
-from lfpipe.track.smoothing import EyeFilter, Kalman, Mean
+from lfpipe.config import FILTER_MODULES, Track
+from lfpipe.track.filters.base import EyeFilter
+from lfpipe.track.filters.kalman import Kalman
+from lfpipe.track.filters.mean import Mean
+from lfpipe.track.filters.table import make_filter
 from profiling.arguments import existing, parser_of, start
 
 REFRESH_S = 1 / 60
@@ -44,7 +47,7 @@ MIN_FRAMES = 60
 DEVICE_LATENCIES_S = (0.0, 0.04, 0.08)
 CAMERAS_HZ = (0, 60, 120)  # 0: as recorded, 25 or 30 Hz
 LAGS = 8
-AGILITIES = tuple(float(one) for one in np.geomspace(1e3, 1e6, 7))
+Q_OVER_R = tuple(float(one) for one in np.geomspace(1e3, 1e6, 7))
 FAULT_S = 2.0
 VIEWS = 4.0
 # added to the left and to the right eye, and in how many frames
@@ -133,7 +136,7 @@ def clips(folder: Path) -> list[Clip]:
 def shown(
     clip: Clip, one: EyeFilter, display: bool, device_latency_s: float = 0.0
 ) -> tuple[Float, Float]:
-    """When the light of pictures appeared, and the eyes (n, 4) that they were made for."""
+    """Display times of pictures, and the eyes (n, 4) that they were made for."""
     times: list[float] = []
     used: list[Float] = []
     due_s = clip.t_s[0] + 0.003
@@ -181,8 +184,8 @@ def fitted(clip: Clip, device_latency_s: float) -> tuple[Float, Float]:
 
 
 def best_kalman(clip: Clip, device_latency_s: float) -> Float:
-    """Its figures with the agility that gives this clip the least error over all time."""
-    rows = [metrics(clip, *shown(clip, Kalman(one), True, device_latency_s)) for one in AGILITIES]
+    """Its metrics with the q_over_r that gives this clip the least error over all time."""
+    rows = [metrics(clip, *shown(clip, Kalman(one), True, device_latency_s)) for one in Q_OVER_R]
     return np.array(min(rows, key=lambda row: row[4]))
 
 
@@ -210,7 +213,7 @@ def metrics(clip: Clip, times: Float, used: Float) -> list[float]:
 
 
 def table(found: list[Clip], ways: list[Way], device_latency_s: float) -> dict[str, Float]:
-    """figures (stretches, 5) of every filter."""
+    """Metrics (stretches, 5) of every filter."""
     return {
         name: np.array(
             [
@@ -222,12 +225,14 @@ def table(found: list[Clip], ways: list[Way], device_latency_s: float) -> dict[s
     }
 
 
-def bad_frames(found: list[Clip], ways: list[Way], loops_s: Sequence[float]) -> Iterator[str]:
+def bad_frames(
+    found: list[Clip], ways: list[Way], device_latencies_s: Sequence[float]
+) -> Iterator[str]:
     """Rows of the table: by fault and filter, what the fault adds at each delay."""
     for fault, (left, right, frames) in FAULTS.items():
         for name, make, display in ways:
             cells = []
-            for device_latency_s in loops_s:
+            for device_latency_s in device_latencies_s:
                 peaks = [
                     added(
                         clip,
@@ -267,6 +272,10 @@ def added(
     return VIEWS * float(np.hypot(*middle.T).max()) / clip.eye_distance_px
 
 
+def _filter(name: str, device_latency_s: float) -> EyeFilter:
+    return make_filter(Track(filter=name), device_latency_s)
+
+
 def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("folder", type=existing)
@@ -279,13 +288,11 @@ def main() -> None:
     ways: list[Way] = [
         ("paper, mean 5", lambda device_latency_s: Mean(5), False),
         ("none", lambda device_latency_s: Mean(1), True),
-        ("one-euro", lambda device_latency_s: make_filter(Track(filter="one-euro")), True),
-        ("kalman", lambda device_latency_s: make_filter(Track(filter="kalman")), True),
-        ("predictive", lambda device_latency_s: make_filter(Track(), device_latency_s), True),
+        *((name, partial(_filter, name), True) for name in reversed(FILTER_MODULES)),
     ]
     if given.tables != "bad":
         print(
-            "| camera | loop | filter | moving | still | step | overshoot | all |\n"
+            "| camera | latency | filter | moving | still | step | overshoot | all |\n"
             f"|---|---:|---|{'---:|' * 5}"
         )
         by_clip = []
@@ -308,7 +315,9 @@ def main() -> None:
                     errors = " | ".join(f"{value:.2f}" for value in rows[:, 4])
                     by_clip.append(f"| {camera} | {delay} | {name} | {errors} |")
         names = " | ".join(clip.name for clip in recorded)
-        print(f"\n| all time | loop | filter | {names} |\n|---|---:|---|{'---:|' * len(recorded)}")
+        print(
+            f"\n| all time | latency | filter | {names} |\n|---|---:|---|{'---:|' * len(recorded)}"
+        )
         print("\n".join(by_clip))
     if given.tables != "filters":
         delays = " | ".join(

@@ -41,13 +41,13 @@ FAULTS = (
     # of measures taken on 23 November 2026: ten of these passed every subject of `lfpipe bench`
     Fault(
         "the filter's gain to speed is doubled",
-        "track/filters.py",
-        "to_speed = b / spread",
-        "to_speed = 2 * b / spread",
+        "track/filters/models.py",
+        "velocity_gain = b / spread",
+        "velocity_gain = 2 * b / spread",
     ),
     Fault(
         "the reported velocity is doubled",
-        "track/filters.py",
+        "track/filters/imm.py",
         "np.array(((u, v), (u, v)))",
         "np.array(((2 * u, 2 * v), (2 * u, 2 * v)))",
     ),
@@ -72,19 +72,19 @@ FAULTS = (
     Fault(
         "a distance that is NaN stays",
         "render/viewer/viewer.py",
-        "if not MIN_EYES_PX <= eye_distance_px <= FAR_PX:",
-        "if eye_distance_px < MIN_EYES_PX:",
+        "if not MIN_EYE_DISTANCE_PX <= eye_distance_px <= MAX_EYE_PX:",
+        "if eye_distance_px < MIN_EYE_DISTANCE_PX:",
         "render/test_viewer.py",
     ),
     Fault(
         "the gate for glitches is open",
-        "track/filters.py",
-        "if off > (STEP",
-        "if off > 1e9 * (STEP",
+        "track/filters/outliers.py",
+        "rejected = deviation_px > limit",
+        "rejected = deviation_px > 1e9 * limit",
     ),
     Fault(
         "a filter is not reset after a gap",
-        "track/smoothing.py",
+        "track/filters/base.py",
         "abs(step_ns) >= MAX_STEP_NS",
         "abs(step_ns) >= 1000 * MAX_STEP_NS",
         "track/test_filters.py",
@@ -142,7 +142,7 @@ FAULTS = (
     Fault(
         "impossible eyes are not refused",
         "render/viewer/viewer.py",
-        "return (lx, ly, rx, ry) if near else None",
+        "return (lx, ly, rx, ry) if is_plausible_px(lx, ly, rx, ry) else None",
         "return lx, ly, rx, ry",
         "render/test_compositor.py::test_viewer_takes_whatever_a_tracker_says",
     ),
@@ -205,8 +205,8 @@ FAULTS = (
     Fault(
         "a neighbour takes over who is no nearer",
         "track/detector.py",
-        "NEARER = 1.6",
-        "NEARER = 0.5",
+        "MIN_NEARER_RATIO = 1.6",
+        "MIN_NEARER_RATIO = 0.5",
     ),
     Fault(
         "pictures begin without a lead",
@@ -222,9 +222,9 @@ FAULTS = (
     ),
     Fault(
         "acceleration is used against the motion",
-        "track/filters.py",
-        "speed * velocity[0] + ahead_s * ax",
-        "speed * velocity[0] - ahead_s * ax",
+        "track/filters/velocity_gain.py",
+        "speed_gain * velocity[0] + ahead_s * ax",
+        "speed_gain * velocity[0] - ahead_s * ax",
     ),
 )
 

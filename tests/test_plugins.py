@@ -14,7 +14,7 @@ from lfpipe.monitor.doctor import plugin_check
 from lfpipe.plugins import DISPLAYS, ENGINES, LAYOUTS, PluginError, load, loaded, plugins
 from lfpipe.render.display.open_display import parse_display
 from lfpipe.scene import layouts
-from lfpipe.track.filters import make_filter
+from lfpipe.track.filters.table import make_filter
 from lfpipe.track.make_engine import make_engine
 from tests.scene import made
 from tests.support.refusal import refusal
@@ -141,7 +141,7 @@ def test_plugin_engine_or_filter_that_fails_is_named(install: Install) -> None:
     with pytest.raises(UserError, match=r"worse of bad 1\.0 .*SystemExit"):
         make_engine(Track(engine="worse"))  # type: ignore[arg-type]
     with pytest.raises(UserError, match=r"bad of bad 1\.0 .*SystemExit"):
-        make_filter(Track(filter="bad"))  # type: ignore[arg-type]
+        make_filter(Track(filter="bad"))
 
 
 def test_plugin_without_a_method_is_refused(install: Install) -> None:

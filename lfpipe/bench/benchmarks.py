@@ -1,9 +1,8 @@
-"""The subjects of `lfpipe bench`: what each answers, the columns of its rows, its charts, and what
-it decides.
+"""The benchmarks of `lfpipe bench`: the question, the columns, the charts and the decision of each.
 
-`lfpipe/bench/NAME.py` measures the subject NAME: its function `measure` yields candidates, which
-the runner measures in turns and makes rows of, finished tables, and texts that say what is left out
-and why.
+`lfpipe/bench/NAME.py` runs the benchmark NAME: its function `measure` yields variants, whose
+repetitions the runner interleaves and makes rows of, finished tables, and texts that say what is
+left out and why.
 """
 
 import attrs
@@ -13,42 +12,46 @@ from lfpipe.bench.results import Column
 
 @attrs.frozen
 class Choice:
-    """What a subject decides, by its first chart. key: of the configuration. limit: of the cost,
-    with its reason. Only methods with the knob of the one in use are choices of the key.
+    """What a benchmark decides, by its first chart.
+
+    Only methods with the parameter of the one in use are choices of the key.
     """
 
     key: str
+    """Of the configuration."""
     limit: float
+    """Of the cost."""
     reason: str
+    """Of the limit."""
 
 
 @attrs.frozen(kw_only=True)
-class Subject:
-    """charts: keys of the columns on the axes, (run time or the like, error): less is better in
-    both. paper: what the paper does.
-    rounds: turns of each method in a quick and in a full run.
-    """
+class Benchmark:
+    """A command of `lfpipe bench`."""
 
     name: str
     title: str
     question: str
     columns: tuple[Column, ...] = ()
     charts: tuple[tuple[str, str], ...] = ()
+    """Keys of the columns on the axes, (run time or the like, error): less is better in both."""
     paper: str = ""
+    """What the paper does."""
     choice: Choice | None = None
     rounds: tuple[int, int] = (7, 25)
+    """Repetitions of each method in a quick and in a full run."""
 
     def column(self, key: str) -> Column:
         return next(column for column in self.columns if column.key == key)
 
 
 _ALL = (
-    Subject(
+    Benchmark(
         name="viewer",
         title="What each eye sees",
         question="How far is the picture of each eye from the exact one for the true eyes at the"
-        " time of its light? A simulation knows the answer: viewers, cameras, screens and time are"
-        " scripted.",
+        " time it is seen? A simulator has the ground truth: viewers, cameras, screens and time"
+        " are scripted.",
         columns=(
             Column("error_levels", "error of each eye's picture, RMS", "levels"),
             Column("error_seen", "the same through the glasses", "L*"),
@@ -59,7 +62,7 @@ _ALL = (
         paper="mean of 5 frames, a picture per frame, nearest views",
         choice=Choice("track.filter", 8.0, "half a refresh at 60 Hz"),
     ),
-    Subject(
+    Benchmark(
         name="tracker",
         title="Tracking the eyes",
         question="How closely does each face engine follow the true eyes of the sequence, and"
@@ -75,7 +78,7 @@ _ALL = (
         paper="FaceMesh (engine mediapipe) on every frame of 640x480",
         choice=Choice("track.engine", 11.0, "a third of a frame at 30 Hz"),
     ),
-    Subject(
+    Benchmark(
         name="synthesis",
         title="Views between the stored ones",
         question="How well does each method make views that were left out, how evenly do they"
@@ -92,7 +95,7 @@ _ALL = (
         paper="nearest stored view",
         choice=Choice("render.method", 8.0, "half a refresh at 60 Hz"),
     ),
-    Subject(
+    Benchmark(
         name="pipeline",
         title="The whole pipeline",
         question="How far is the viewpoint on screen from the eyes at that moment, how old is the"
@@ -115,7 +118,7 @@ _ALL = (
         paper="its configuration (--config paper), and the same as one plain loop",
         rounds=(1, 3),
     ),
-    Subject(
+    Benchmark(
         name="stability",
         title="Stiff and extreme cases",
         question="Does anything lose precision, raise an exception or show a wrong picture,"
@@ -123,8 +126,8 @@ _ALL = (
         " long? The worst error is shown.",
     ),
 )
-SUBJECTS = {subject.name: subject for subject in _ALL}
-TABLE = Subject(
+BENCHMARKS = {benchmark.name: benchmark for benchmark in _ALL}
+TABLE = Benchmark(
     name="table",
     title="Views between: quality over time",
     question="The protocol of angular super-resolution: the corners of 7x7 views are kept,"

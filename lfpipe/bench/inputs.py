@@ -1,4 +1,4 @@
-"""Inputs of the subjects: a scene, a sequence of frames with or without true eyes, and a work
+"""Inputs of the benchmarks: a scene, a sequence of frames with or without true eyes, and a work
 folder.
 """
 
@@ -46,33 +46,35 @@ Picture = NDArray[np.uint8]
 
 @attrs.frozen(eq=False, kw_only=True)
 class FrameSequence:
-    """frames: reads its frames, uint8 (height, width, 3) BGR, from the first on. truth: None if the
-    video has no table of true eyes.
-    """
+    """Recorded frames, with or without true eyes."""
 
     path: Path
     frames: Callable[[], Iterator[Picture]]
+    """Reads its frames, uint8 (height, width, 3) BGR, from the first on."""
     count: int
     size_px: tuple[int, int]
     rate_hz: float
     truth: Truth | None
+    """None if the video has no table of true eyes."""
 
 
 @attrs.define(eq=False, kw_only=True, slots=False)
 class Inputs:
-    """Inputs, opened when a subject first asks for them: by default the demo's scene and sequence.
-    Raises UserError if a path does not exist.
+    """Inputs, opened when a benchmark first asks for them.
 
-    tracks: recorded head tracks for the simulated world. about: what is open, in words.
+    Raises UserError if a path does not exist.
     """
 
     scene_path: Path | None = None
     sequence_path: Path | None = None
+    """None: the demo's scene and sequence."""
     quick: bool
     settings: config.Config = attrs.Factory(config.Config)
     progress: Progress = lambda *_: None
     tracks: tuple[Path, ...] = ()
+    """Recorded head tracks for the simulator."""
     about: dict[str, str] = attrs.Factory(dict)
+    """What is open, for the report."""
 
     def __attrs_post_init__(self) -> None:
         for path in (self.scene_path, self.sequence_path):

@@ -10,7 +10,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from lfpipe.bench.benchmarks import SUBJECTS, TABLE, Subject
+from lfpipe.bench.benchmarks import BENCHMARKS, TABLE, Benchmark
 from lfpipe.bench.results import STATES, Column, Results, Row, short
 from lfpipe.bench.style import document, html_table
 from lfpipe.files.output import write_output
@@ -23,8 +23,8 @@ MARKERS = "osD^vPX<>h"
 COLOURS = ("#0072b2", "#d55e00", "#008a63", "#b1548f", "#8a6d00", "#4b4fc4", "#7a7f86")
 HOW = (
     "<h2>How it was measured</h2><p class=soft>Times are CPU times of the thread, which other"
-    " programs hardly change. Each is the median of turns that the methods take in random order,"
-    " with its 95 % interval, or with the range of fewer than five turns; of many turns, the first"
+    " programs hardly change. Each is the median of repetitions, interleaved in random order, with"
+    " its 95 % interval, or with the range of fewer than five; of many repetitions, the first"
     " does not count. Errors have 95 % intervals by resampling. Axes are logarithmic; an exact 0 is"
     " drawn at the edge. Lower left is better. Square, bold: in use by default. Star, red: the"
     " paper.</p>"
@@ -42,23 +42,23 @@ NO_CHARTS = (
     "<p>Without charts: matplotlib is not installed"
     f" (<code>{html.escape(install_command('matplotlib'))}</code>).</p>"
 )
-Pairs = list[tuple[Subject, Results]]
+Pairs = list[tuple[Benchmark, Results]]
 Verdict = tuple[str, str, str, str]
 
 
-def verdict(subject: Subject, results: Results) -> Verdict | None:
-    """The choice of a subject: the least error among what fits its limit of cost; what is in use,
+def verdict(benchmark: Benchmark, results: Results) -> Verdict | None:
+    """The choice of a benchmark: the least error among what fits its limit of cost; what is in use,
     if that ties; undecided where an interval contains the limit. Returns the key of the
     configuration, what to use for this machine and these inputs, why, and its cost; None for a
-    subject that decides nothing, or if nothing has both an error and a cost.
+    benchmark that decides nothing, or if nothing has both an error and a cost.
     """
-    choice = subject.choice
+    choice = benchmark.choice
     if choice is None:
         return None
-    cost, error = (subject.column(key) for key in subject.charts[0])
+    cost, error = (benchmark.column(key) for key in benchmark.charts[0])
     measured = [row for row in results.rows if {cost.key, error.key} <= row.values.keys()]
     used = next((row for row in measured if row.used), None)
-    known = [row for row in measured if used is None or row.knob == used.knob]
+    known = [row for row in measured if used is None or row.parameter == used.parameter]
     if not known:
         return None
     fitting = [row for row in known if row.values[cost.key].high <= choice.limit]
@@ -79,7 +79,7 @@ def verdict(subject: Subject, results: Results) -> Verdict | None:
         ties = [row for row in fitting if row.value(error.key) <= least * (1 + TIE)]
         best = used if used in ties and used else min(ties, key=lambda row: row.value(cost.key))
         rank = "the least" if best.value(error.key) <= least else f"within {TIE:.0%} of the least"
-        at = f" at {best.knob}" if best.knob else ""
+        at = f" at {best.parameter}" if best.parameter else ""
         why = f"{error.label} {best.values[error.key].text} {error.unit}".rstrip()
         why += f", {rank} of the {len(fitting)} methods{at} that take at most {limit}"
         paper = next((row for row in measured if row.paper), None)
@@ -100,10 +100,10 @@ def _cost(row: Row, cost: Column) -> str:
 
 def write_report(results: dict[str, Results], out: Path) -> Path:
     """Writes report.html and returns its path. Raises UserError."""
-    subjects = SUBJECTS | {TABLE.name: TABLE}
-    pairs = [(subjects[name], one) for name, one in results.items()]
+    benchmarks = BENCHMARKS | {TABLE.name: TABLE}
+    pairs = [(benchmarks[name], one) for name, one in results.items()]
     links = " ".join(
-        f'<a href="#{subject.name}">{html.escape(subject.title)}</a>' for subject, _ in pairs
+        f'<a href="#{benchmark.name}">{html.escape(benchmark.title)}</a>' for benchmark, _ in pairs
     )
     about = pairs[0][1].about
     wall_s = sum(one.wall_s for one in results.values())
@@ -121,7 +121,7 @@ def _verdicts(pairs: Pairs) -> str:
     rows = [one for pair in pairs if (one := verdict(*pair))]
     head = ("setting", "for this machine and these inputs", "why", "what it costs")
     text = html_table(head, rows) if rows else ""
-    for subject, results in pairs:
+    for benchmark, results in pairs:
         judged = [value for *_, value in results.judged()]
         used = [value.state for value in judged if not value.only]
         others = sum(value.state != "ok" for value in judged if value.only)
@@ -129,7 +129,7 @@ def _verdicts(pairs: Pairs) -> str:
         if others:
             counts += f"; {others} not ok, reached only with other settings"
         if judged:
-            text += f"<p>{html.escape(subject.title)}: of what is in use {counts}.</p>"
+            text += f"<p>{html.escape(benchmark.title)}: of what is in use {counts}.</p>"
     return f"<h2>Verdicts</h2>{text}" if text else ""
 
 
@@ -138,8 +138,8 @@ def _failures(pairs: Pairs) -> str:
     matters.
     """
     rows = [
-        (subject.title, name, why, "yes")
-        for subject, results in pairs
+        (benchmark.title, name, why, "yes")
+        for benchmark, results in pairs
         for name, why in results.failures.items()
     ]
     degraded: dict[tuple[str, str], list[str]] = {}
@@ -159,12 +159,14 @@ def _failures(pairs: Pairs) -> str:
     return WHAT_FAILED + html_table(("where", "case", "what", "does it matter?"), rows)
 
 
-def _section(subject: Subject, results: Results) -> str:
-    text = f'<h2 id="{subject.name}">{html.escape(subject.title)}</h2>'
-    text += f"<p>{html.escape(subject.question)}</p>"
-    text += f'<p class="soft">The paper: {html.escape(subject.paper)}.</p>' if subject.paper else ""
+def _section(benchmark: Benchmark, results: Results) -> str:
+    text = f'<h2 id="{benchmark.name}">{html.escape(benchmark.title)}</h2>'
+    text += f"<p>{html.escape(benchmark.question)}</p>"
+    text += (
+        f'<p class="soft">The paper: {html.escape(benchmark.paper)}.</p>' if benchmark.paper else ""
+    )
     text += f"<p><code>{html.escape(results.about['command'])}</code></p>"
-    text += "".join(chart(subject, results, *axes) for axes in subject.charts)
+    text += "".join(chart(benchmark, results, *axes) for axes in benchmark.charts)
     if results.left_out:
         reasons = "".join(f"<li>{html.escape(reason)}</li>" for reason in results.left_out)
         text += f"<p>Left out:</p><ul>{reasons}</ul>"
@@ -186,7 +188,7 @@ def _section(subject: Subject, results: Results) -> str:
     return text + f"<details><summary>Conditions</summary>{html_table((), facts)}</details>"
 
 
-def chart(subject: Subject, results: Results, x: str, y: str) -> str:
+def chart(benchmark: Benchmark, results: Results, x: str, y: str) -> str:
     """The chart of two columns on logarithmic axes, an image of HTML; "" if it holds no point, or
     without matplotlib.
     """
@@ -196,7 +198,7 @@ def chart(subject: Subject, results: Results, x: str, y: str) -> str:
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    title = f"{subject.column(y).label} against {subject.column(x).label}"
+    title = f"{benchmark.column(y).label} against {benchmark.column(x).label}"
     style: Any = {
         "svg.fonttype": "none",
         "axes.spines.top": False,
@@ -206,8 +208,8 @@ def chart(subject: Subject, results: Results, x: str, y: str) -> str:
     with mpl.rc_context(style):
         figure = Figure(figsize=(9.0, 4.8), layout="constrained")
         axes = figure.add_subplot(
-            xlabel=subject.column(x).axis,
-            ylabel=subject.column(y).axis,
+            xlabel=benchmark.column(x).axis,
+            ylabel=benchmark.column(y).axis,
             title=title,
         )
         for k, curve in enumerate(dict.fromkeys(row.curve for row in rows)):

@@ -3,7 +3,7 @@ with.
 
 video frame -> FaceMesh -> mean of 16 landmarks around each eye -> k-frame moving average -> nearest
 view of the grid laid over the camera picture -> red of the left view, green and blue of the right.
-It uses nothing from lfpipe except the landmarks' numbers.
+It uses nothing from lfpipe except the landmarks' numbers and the writer of the trace.
 """
 
 import itertools
@@ -14,6 +14,7 @@ import time
 from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import attrs
 import cattrs
@@ -21,6 +22,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.files.trace import TraceFile
 from lfpipe.track.landmarks import LEFT_EYE, RIGHT_EYE
 
 WARM_UP = 10  # frames, not counted
@@ -31,18 +33,21 @@ SIDES = ("left", "right")
 
 @attrs.frozen(kw_only=True)
 class Loop:
-    """views: a folder of rows x cols PNG files whose sorted order is row-major. pace_hz: 0 for as
-    fast as possible. decode: decode frames inside the loop, not before it.
-    """
+    """Options of a run."""
 
     video: str
     views: str
+    """Folder of rows x cols PNG files whose sorted order is row-major."""
     pace_hz: float
+    """0: as fast as possible."""
     seconds: float
     alpha_px: float
     grid: tuple[int, int]
     size_px: tuple[int, int] = (640, 480)
     decode: bool = True
+    """Whether to decode frames inside the loop, not before it."""
+    trace: str = ""
+    """File for the trace."""
 
 
 def frames(
@@ -70,7 +75,7 @@ def frames(
         yield index, frame.copy()
 
 
-def run(loop: Loop) -> Iterator[str]:
+def run(loop: Loop) -> Iterator[dict[str, Any]]:
     """Runs the loop, and yields the lines of its trace. Sets OpenCV to one thread."""
     import mediapipe
 
@@ -101,6 +106,7 @@ def run(loop: Loop) -> Iterator[str]:
         if not recent:
             continue
         eyes = np.mean(recent, axis=0)
+        t_tracked_ns = time.monotonic_ns()
         steps = (eyes - centre)[:, ::-1] / loop.alpha_px * (1, -1)
         places = np.clip(np.rint(last / 2 + steps), 0, last).astype(int)
         left, right = (views[row * loop.grid[1] + col] for row, col in places)
@@ -109,12 +115,16 @@ def run(loop: Loop) -> Iterator[str]:
         t_composed_ns = time.monotonic_ns()
         if i >= 0:
             pairs = {"eyes_raw": recent[-1], "eyes_used": eyes, "view": places}
-            line = {
+            yield {
                 "source_seq": index,
+                "epoch": 0,
+                "face": True,
+                "method": "nearest",
                 "composed": True,
                 "cpu_ns": time.process_time_ns(),
                 "t_sensor_ns": t_sensor_ns,
                 "t_read_ns": t_read_ns,
+                "t_tracked_ns": t_tracked_ns,
                 "t_composed_ns": t_composed_ns,
                 "t_presented_ns": t_composed_ns,
                 **{
@@ -122,8 +132,19 @@ def run(loop: Loop) -> Iterator[str]:
                     for name, pair in pairs.items()
                 },
             }
-            yield json.dumps(line)
+
+
+def main() -> None:
+    """Runs the loop that the first argument describes in JSON; writes its trace."""
+    loop = cattrs.structure(json.loads(sys.argv[1]), Loop)
+    lost: list[str] = []
+    trace = TraceFile(Path(loop.trace), lost.append)
+    for line in run(loop):
+        trace.write(line)
+    trace.close()
+    if lost:
+        sys.exit(lost[0])
 
 
 if __name__ == "__main__":
-    print("\n".join(run(cattrs.structure(json.loads(sys.argv[1]), Loop))))
+    main()

@@ -1,5 +1,5 @@
-"""Subject: whole sessions, and the paper's loop, in processes of their own. Error of the viewpoint
-against CPU and latency.
+"""Benchmark: whole sessions, and the paper's loop, in processes of their own: error of the
+viewpoint against CPU and latency.
 """
 
 import contextlib
@@ -23,12 +23,13 @@ from numpy.typing import NDArray
 from lfpipe.api.session import Session
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.paper_loop import SIDES, Loop
-from lfpipe.bench.results import MetricsPage, rms
-from lfpipe.bench.runner import Candidate, Offer, Prepared
+from lfpipe.bench.results import Metrics, rms
+from lfpipe.bench.runner import Offer, Prepared, Variant
 from lfpipe.bench.simulator.run import viewpoints
 from lfpipe.config import Render, converter, load
 from lfpipe.config.check import flat
 from lfpipe.files.safe_files import write_file
+from lfpipe.files.trace import trace_lines
 from lfpipe.scene.lightfield import LightField
 from lfpipe.sequence.eyes import Truth
 from lfpipe.sequence.folder import is_sequence
@@ -47,13 +48,13 @@ Float = NDArray[np.float64]
 
 @attrs.frozen
 class SessionRun:
-    """rows: of the trace. started_ns: when its process was started. cpu_ms_s: CPU of all processes
-    without the start, in ms per second.
-    """
+    """What a process showed, and at what cost."""
 
     rows: Trace
     started_ns: int
+    """When the process was started."""
     cpu_ms_s: float
+    """CPU of all processes without the start, in ms per second."""
 
     @property
     def first_s(self) -> float:
@@ -107,18 +108,21 @@ def run_session(
             cpu_ms_s = (_cpu_ms() - used_ms) / (time.monotonic() - begun_s)
             session.stop()
             session.wait()  # raises if it failed
-        return SessionRun(_rows(trace.read_text()), started_ns, cpu_ms_s)
+        return SessionRun(_rows(trace), started_ns, cpu_ms_s)
 
 
 def run_loop(loop: Loop) -> SessionRun:
     """The paper's loop in a process of its own. Raises RuntimeError if it fails."""
     started_ns = time.monotonic_ns()
-    options = json.dumps(attrs.asdict(loop))
-    command = [sys.executable, "-m", "lfpipe.bench.paper_loop", options]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise RuntimeError(f"the loop exited with {done.returncode}: {done.stderr.strip()[-300:]}")
-    rows = _rows(done.stdout)
+    with tempfile.TemporaryDirectory() as folder:
+        trace = Path(folder, "trace.jsonl")
+        options = json.dumps(attrs.asdict(loop) | {"trace": str(trace)})
+        command = [sys.executable, "-m", "lfpipe.bench.paper_loop", options]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            why = done.stderr.strip()[-300:]
+            raise RuntimeError(f"the loop exited with {done.returncode}: {why}")
+        rows = _rows(trace)
     if not rows:
         raise RuntimeError("the loop found no face")
     run = SessionRun(rows, started_ns, 0.0)
@@ -127,8 +131,8 @@ def run_loop(loop: Loop) -> SessionRun:
     return attrs.evolve(run, cpu_ms_s=1e3 * used_ns / span_ns)
 
 
-def _rows(trace: str) -> Trace:
-    return [json.loads(line) for line in trace.splitlines()]
+def _rows(trace: Path) -> Trace:
+    return [dict(fields.values) for fields in trace_lines(trace, "measure again")]
 
 
 def write_views(field: LightField, folder: Path) -> Path:
@@ -149,7 +153,7 @@ def displayed_errors(
     alpha_px: float,
     centre_px: tuple[float, float],
     grid: tuple[int, int],
-) -> MetricsPage:
+) -> Metrics:
     """RMS over both eyes while they are visible, and while a picture is on the screen: error_views,
     the distance of the viewpoint on screen from that of the true eyes; error_px, of the eyes that
     the picture was made for; jitter_px, their deviation from the mean of each rest, from STILL_MS
@@ -262,9 +266,9 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
         settings = common | {"render.clock": clock, "render.method": method}
         runs[f"{clock} clock, {method}"] = partial(session, settings)
     for name, run in runs.items():
-        yield Candidate(
+        yield Variant(
             curve=name,
-            knob=f"{sequence.rate_hz:g} Hz",
+            parameter=f"{sequence.rate_hz:g} Hz",
             prepare=partial(_prepare, inputs, run, alpha_px),
             paper=name.startswith("paper"),
             used=name == f"{Render().clock} clock, {field.method}",
@@ -290,7 +294,7 @@ def _prepare(inputs: Inputs, run: Callable[[], SessionRun], alpha_px: float) -> 
     return {}, lambda: _metrics(inputs, run(), alpha_px)
 
 
-def _metrics(inputs: Inputs, run: SessionRun, alpha_px: float) -> MetricsPage:
+def _metrics(inputs: Inputs, run: SessionRun, alpha_px: float) -> Metrics:
     sequence = inputs.sequence
     ages_ms = [
         (row["t_presented_ns"] - row["t_sensor_ns"]) / 1e6 for row in run.steady if row["composed"]

@@ -1,5 +1,5 @@
-"""The one form of all results: tables of rows. Whatever prints, draws, judges, saves or compares
-reads these.
+"""The one form of all results: tables of rows, which everything else prints, draws, judges, saves
+or compares.
 """
 
 import json
@@ -18,9 +18,9 @@ from lfpipe.files.output import write_output
 from lfpipe.files.safe_files import read_bytes
 from lfpipe.files.untrusted import json_fields
 
-FORMAT = "lfpipe-bench-6"
-MAX_BYTES = 16 << 20  # of results.json; a full run of all subjects writes 0.2 MB
-MetricsPage = dict[str, float]  # by the key of a column
+FORMAT = "lfpipe-bench-7"
+MAX_BYTES = 16 << 20  # of results.json; a full run of all benchmarks writes 0.2 MB
+Metrics = dict[str, float]  # by the key of a column
 RESAMPLED = 2000  # times, for the interval of an error
 MIN_ROUNDS = 5  # of an interval of the median
 R = TypeVar("R")
@@ -44,17 +44,17 @@ class Column:
 
 @attrs.frozen
 class Value:
-    """A figure of a row. low, high: its 95 % interval, or the range of few turns; the value itself
-    if none is known. words: replace the number. state: the judgement. only: the setting that
-    reaches the value, "" for what is in use by default.
-    """
+    """A cell of a table."""
 
     value: float = 0.0
     low: float = attrs.Factory(lambda self: self.value, takes_self=True)
     high: float = attrs.Factory(lambda self: self.value, takes_self=True)
+    """95 % interval, or the range of few repetitions; the value itself if none is known."""
     words: str = ""
+    """Text in place of the number."""
     state: State = ""
     only: str = ""
+    """The setting that reaches the value; "": reached with the default settings."""
 
     @property
     def text(self) -> str:
@@ -65,17 +65,18 @@ class Value:
 
 @attrs.frozen
 class Row:
-    """A measured method, which is a point of a chart, or a case. curve: its curve in the chart.
-    knob: the setting that varies along the curve. paper: what the paper does. used: what lfpipe
-    does by default.
-    """
+    """A measured method, which is a point of a chart, or a case."""
 
     name: str
     values: dict[str, Value]
     curve: str = ""
-    knob: str = ""
+    """Its curve in the chart."""
+    parameter: str = ""
+    """The setting that varies along the curve."""
     paper: bool = False
+    """Whether the paper does it so."""
     used: bool = False
+    """Whether lfpipe does it so by default."""
 
     def value(self, key: str) -> float:
         """A figure as one number; NaN if it was not measured."""
@@ -84,13 +85,15 @@ class Row:
 
 @attrs.frozen
 class Table:
-    """of: what a row is. note: explains the values."""
+    """Rows of values by column."""
 
     of: str
+    """What a row is."""
     columns: tuple[Column, ...]
     rows: tuple[Row, ...]
     title: str = ""
     note: str = ""
+    """Explains the values."""
 
     @property
     def filled(self) -> list[Column]:
@@ -161,17 +164,18 @@ def judged_error(worst: float, ok: float, degraded: float) -> tuple[str, State]:
 
 @attrs.define
 class Results:
-    """Results of one subject. failures: methods that raised an exception, with the reason.
-    left_out: what was not measured, and why. about: command, inputs, start. wall_s: of the whole
-    run.
-    """
+    """Results of one benchmark."""
 
     name: str
     tables: list[Table] = attrs.Factory(list)
     failures: dict[str, str] = attrs.Factory(dict)
+    """Methods that raised an exception, with the reason."""
     left_out: list[str] = attrs.Factory(list)
+    """What was not measured, and why."""
     about: dict[str, str] = attrs.Factory(dict)
+    """Command, inputs, start."""
     wall_s: float = 0.0
+    """Of the whole run."""
 
     @property
     def rows(self) -> list[Row]:
@@ -227,7 +231,7 @@ def write(results: dict[str, Results], folder: Path) -> None:
     """Replaces results.json. Raises UserError if the folder cannot be written."""
     content = {
         "format": FORMAT,
-        "subjects": {name: attrs.asdict(one) for name, one in results.items()},
+        "benchmarks": {name: attrs.asdict(one) for name, one in results.items()},
     }
     write_output(
         folder / "results.json",
@@ -244,7 +248,7 @@ def read(folder: Path) -> dict[str, Results]:
         content = json_fields(read_bytes(path, MAX_BYTES), str(path), remedy).values
         if content.get("format") != FORMAT:
             raise ValueError(f"format {content.get('format')!r:.100}, expected {FORMAT}")
-        return cattrs.structure(content["subjects"], dict[str, Results])
+        return cattrs.structure(content["benchmarks"], dict[str, Results])
     except (OSError, ValueError, KeyError, cattrs.BaseValidationError) as error:
         raise UserError(
             f"{path}: contains no results of `lfpipe bench`: {error!s:.200}", remedy

@@ -1,4 +1,4 @@
-"""Measures subjects: errors once, times in turns."""
+"""Runs benchmarks: errors once, times in interleaved repetitions."""
 
 import contextlib
 import importlib
@@ -14,11 +14,11 @@ from pathlib import Path
 import attrs
 import cv2
 
-from lfpipe.bench.benchmarks import SUBJECTS, Subject
+from lfpipe.bench.benchmarks import BENCHMARKS, Benchmark
 from lfpipe.bench.inputs import Inputs, Progress
 from lfpipe.bench.results import (
     MIN_ROUNDS,
-    MetricsPage,
+    Metrics,
     Results,
     Row,
     Table,
@@ -33,49 +33,49 @@ from lfpipe.host.machine import versions
 from lfpipe.host.processes import usable_cores
 
 FILES = ("results.json", "report.html")
-GridTransform = Callable[[], MetricsPage]  # takes one sample of each time
-# the errors of a method, and its turn; None if nothing is timed
-Prepared = tuple[dict[str, Value], GridTransform | None]
+Repetition = Callable[[], Metrics]  # takes one sample of each time
+# the errors of a method, and what times it once; None if nothing is timed
+Prepared = tuple[dict[str, Value], Repetition | None]
 
 
 @attrs.frozen(eq=False, kw_only=True)
-class Candidate:
+class Variant:
     """A method to be measured."""
 
     curve: str
-    knob: str
+    parameter: str
     prepare: Callable[[], Prepared]
     paper: bool = False
     used: bool = False
 
     @property
     def name(self) -> str:
-        return f"{self.curve}, {self.knob}" if self.knob else self.curve
+        return f"{self.curve}, {self.parameter}" if self.parameter else self.curve
 
 
-Offer = Candidate | Table | str  # a text says what is left out, and why
+Offer = Variant | Table | str  # a text says what is left out, and why
 
 
 def measure(
     names: Sequence[str], inputs: Inputs, out: Path, progress: Progress
 ) -> dict[str, Results]:
-    """Measures the named subjects, and writes out/results.json after each. Returns all results in
-    it: other subjects' stay.
+    """Measures the named benchmarks, and writes out/results.json after each. Returns all results in
+    it: other benchmarks' stay.
 
     Raises UserError if out cannot be written.
     """
     results = opened(out)
     for name in names:
-        subject = SUBJECTS[name]
+        benchmark = BENCHMARKS[name]
         about = conditions()
         results[name] = run(
-            subject,
+            benchmark,
             importlib.import_module(f"lfpipe.bench.{name}").measure(inputs),
             inputs.quick,
             progress,
         )
         results[name].about = about | inputs.about
-        results = {known: results[known] for known in SUBJECTS if known in results}
+        results = {known: results[known] for known in BENCHMARKS if known in results}
         write(results, out)
     return results
 
@@ -98,45 +98,45 @@ def opened(out: Path) -> dict[str, Results]:
     return {}
 
 
-def run(subject: Subject, offers: Iterable[Offer], quick: bool, progress: Progress) -> Results:
-    """Measures a subject. A candidate that raises, or returns a number that is not finite, is a
+def run(benchmark: Benchmark, offers: Iterable[Offer], quick: bool, progress: Progress) -> Results:
+    """Measures a benchmark. A variant that raises, or returns a number that is not finite, is a
     failure with the reason.
 
-    Rounds of one turn each, in a new order every round: other load on the machine affects all
+    Rounds of one repetition each, in a new order every round: other load on the machine affects all
     alike. The first of more than MIN_ROUNDS does not count.
     """
     cv2.setNumThreads(1)  # as in a session
     started_s = time.monotonic()
     offered = list(offers)
-    candidates = [one for one in offered if isinstance(one, Candidate)]
+    variants = [one for one in offered if isinstance(one, Variant)]
     results = Results(
-        subject.name,
+        benchmark.name,
         tables=[one for one in offered if isinstance(one, Table)],
         left_out=[one for one in offered if isinstance(one, str)],
     )
-    rounds = subject.rounds[0 if quick else 1]
+    rounds = benchmark.rounds[0 if quick else 1]
     errors: dict[str, dict[str, Value]] = {}
-    turns: dict[str, GridTransform] = {}
-    samples: dict[str, list[MetricsPage]] = {one.name: [] for one in candidates}
-    for k, one in enumerate(candidates):
-        progress(subject.title, k, (1 + rounds) * len(candidates))
+    repetitions: dict[str, Repetition] = {}
+    samples: dict[str, list[Metrics]] = {one.name: [] for one in variants}
+    for k, one in enumerate(variants):
+        progress(benchmark.title, k, (1 + rounds) * len(variants))
         with _failing(one.name, results):
-            errors[one.name], turn = one.prepare()
+            errors[one.name], repetition = one.prepare()
             _check({key: value.value for key, value in errors[one.name].items()})
-            if turn is not None:
-                turns[one.name] = turn
+            if repetition is not None:
+                repetitions[one.name] = repetition
     shuffled = random.Random(1)
-    for k in range(rounds if turns else 0):
-        progress(subject.title, (1 + k) * len(candidates), (1 + rounds) * len(candidates))
-        for name in shuffled.sample(list(turns), len(turns)):
+    for k in range(rounds if repetitions else 0):
+        progress(benchmark.title, (1 + k) * len(variants), (1 + rounds) * len(variants))
+        for name in shuffled.sample(list(repetitions), len(repetitions)):
             if name not in results.failures:
                 with _failing(name, results):
-                    _check(sample := turns[name]())
+                    _check(sample := repetitions[name]())
                     samples[name].append(sample)
     rows = []
-    for one in candidates:
+    for one in variants:
         if one.name not in results.failures:
-            # where there are enough, without the first turn: caches are cold
+            # where there are enough, without the first repetition: caches are cold
             taken = samples[one.name][rounds > MIN_ROUNDS :]
             times = (
                 {key: timing([sample[key] for sample in taken]) for key in taken[0]}
@@ -144,11 +144,11 @@ def run(subject: Subject, offers: Iterable[Offer], quick: bool, progress: Progre
                 else {}
             )
             values = errors[one.name] | times
-            rows.append(Row(one.name, values, one.curve, one.knob, one.paper, one.used))
-    if candidates:
-        results.tables.insert(0, Table("method", subject.columns, tuple(rows)))
+            rows.append(Row(one.name, values, one.curve, one.parameter, one.paper, one.used))
+    if variants:
+        results.tables.insert(0, Table("method", benchmark.columns, tuple(rows)))
     results.wall_s = round(time.monotonic() - started_s, 1)
-    progress(subject.title, 1, 1)
+    progress(benchmark.title, 1, 1)
     return results
 
 
@@ -161,7 +161,7 @@ def _failing(name: str, results: Results) -> Iterator[None]:
         results.failures[name] = f"{type(error).__name__}: {error}"
 
 
-def _check(metrics: MetricsPage) -> None:
+def _check(metrics: Metrics) -> None:
     if wrong := [key for key, value in metrics.items() if not math.isfinite(value)]:
         raise ValueError(f"not finite: {', '.join(wrong)}")
 

@@ -1,5 +1,5 @@
-"""Subject: stiff and extreme cases of numerics: the filters, compared with their undisturbed run;
-eyes to viewpoints; and views at the ends of the range. Values are ok, degraded or failed.
+"""Benchmark: stiff and extreme cases of numerics: the filters against their undisturbed run, eyes
+to viewpoints, and views at the ends of the range. Values are ok, degraded or failed.
 """
 
 import itertools
@@ -14,19 +14,16 @@ from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.results import State, Table, judged_error, judged_table
 from lfpipe.bench.runner import Offer
 from lfpipe.bench.synthesis import view_at
-from lfpipe.config import Render, Track
+from lfpipe.config import FILTER_MODULES, Render, Track
 from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.render.synthesis.compositor import Compositor, ViewRenderer
 from lfpipe.render.synthesis.viewpoint import ViewSolver, pair_clamped
 from lfpipe.scene.lightfield import UNKNOWN, LightField
 from lfpipe.scene.source import Geometry
-from lfpipe.track.filters import make_filter
+from lfpipe.track.filters.table import make_filter
 from lfpipe.transport.clock import MS_NS
 
-FILTERS = (
-    Track().filter,
-    *(name for name in ("mean", "one-euro", "kalman") if name != Track().filter),
-)
+FILTERS = tuple(FILTER_MODULES)  # the default one first
 RATES_HZ = (15, 30, 60, 120, 240)  # of webcams in the dark to high-speed cameras
 EYES = np.array([[350.0, 240.0], [290.0, 242.0]])  # px, of somebody before the middle of 640x480
 EYE_DISTANCE_PX = 60.0  # of EYES
@@ -71,7 +68,7 @@ def disturbed(
     late_ns, off_px = DISTURBANCES[what]
     runs = []
     for wrong in ((), range(at, at + frames)):
-        filter_ = make_filter(Track(filter=name))  # type: ignore[arg-type]
+        filter_ = make_filter(Track(filter=name))
         outputs = []
         for frame, (t_ns, eyes) in enumerate(zip(stamps_ns.tolist(), measured, strict=True)):
             if frame in wrong:

@@ -1,5 +1,5 @@
-"""Subject: views between and beyond the stored ones. Error on held-out views, continuity, time per
-picture.
+"""Benchmark: views between and beyond the stored ones: error on held-out views, continuity, time
+per picture.
 """
 
 import itertools
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.results import Value, mean_of
-from lfpipe.bench.runner import Candidate, Offer, Prepared, cpu_ms
+from lfpipe.bench.runner import Offer, Prepared, Variant, cpu_ms
 from lfpipe.config import Render
 from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.render.synthesis.compositor import Compositor, ViewRenderer
@@ -103,9 +103,9 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
     places = np.unique(np.linspace(0, len(between) - 1, count).round()).astype(int)
     truth = dict(between[place] for place in places)
     for method in methods:
-        yield Candidate(
+        yield Variant(
             curve=method,
-            knob="every 2nd view",
+            parameter="every 2nd view",
             prepare=partial(_prepare, kept, method, truth),
             paper=method == "nearest",
             used=method == field.method,

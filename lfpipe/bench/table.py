@@ -6,23 +6,24 @@ central ones of 9x9 (DistgASR). Smaller grids use the largest square that fits; 
 says so.
 """
 
+import importlib.util
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
 import attrs
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.benchmarks import TABLE
 from lfpipe.bench.inputs import Progress
 from lfpipe.bench.results import Results, Row, Table, Value
-from lfpipe.bench.runner import Candidate, Prepared, conditions, cpu_ms, run
+from lfpipe.bench.runner import Prepared, Variant, conditions, cpu_ms, run
 from lfpipe.bench.synthesis import left_out, subsample, view_at
 from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.errors import UserError
+from lfpipe.host.machine import install_command
 from lfpipe.render.synthesis.compositor import ViewRenderer
 from lfpipe.render.synthesis.scoring import psnr_db
 from lfpipe.render.synthesis.viewpoint import Position
@@ -32,19 +33,20 @@ SIDE = 7  # views per side in the printed protocol
 # ITU-R BT.601, 16 to 235, as MATLAB's rgb2ycbcr
 LUMA = np.array([65.481, 128.553, 24.966]) / 255
 BLACK = 16.0
-SIGMA_PX, WINDOW_PX, K1, K2 = 1.5, 11, 0.01, 0.03  # Wang, Bovik, Sheikh, Simoncelli, IEEE TIP 2004
+WINDOW_PX = 11  # side of SSIM's window
 Float = NDArray[np.float64]
 
 
 @attrs.frozen
 class Protocol:
-    """keep: kept views per side. border_px: shaved off each side before comparing. timed: with the
-    time per picture.
-    """
+    """How views are left out and compared."""
 
     keep: int = 2
+    """Kept views per side."""
     border_px: int = 22
+    """Shaved off each side before comparing."""
     timed: bool = True
+    """Whether to measure the time per picture."""
 
 
 def studio_luma(planes: NDArray[np.generic]) -> Float:
@@ -69,30 +71,25 @@ def shaved(picture: Float, border_px: int) -> Float:
 
 
 def ssim(a: Float, b: Float) -> float:
-    """Mean structural similarity: Gaussian window of 11x11 with sigma 1.5, population covariance,
-    peak 255.
-
-    The mean is over the windows that lie within the picture, as in the authors' code and in
-    scikit-image.
+    """Mean structural similarity (Wang, Bovik, Sheikh, Simoncelli, IEEE TIP 2004): Gaussian window
+    of 11x11 with sigma 1.5, population covariance, peak 255.
     """
+    from skimage.metrics import structural_similarity
 
-    def mean(values: Float) -> Float:
-        return cv2.GaussianBlur(
-            values, (WINDOW_PX, WINDOW_PX), SIGMA_PX, borderType=cv2.BORDER_REFLECT
-        )  # type: ignore[return-value]
-
-    mean_a, mean_b = mean(a), mean(b)
-    var_a = mean(a * a) - mean_a**2
-    var_b = mean(b * b) - mean_b**2
-    both = mean(a * b) - mean_a * mean_b
-    c1, c2 = (K1 * 255) ** 2, (K2 * 255) ** 2
-    similarity = (
-        (2 * mean_a * mean_b + c1)
-        * (2 * both + c2)
-        / ((mean_a**2 + mean_b**2 + c1) * (var_a + var_b + c2))
+    return float(
+        structural_similarity(  # type: ignore[no-untyped-call]
+            a, b, data_range=255, gaussian_weights=True, sigma=1.5, use_sample_covariance=False
+        )
     )
-    pad = WINDOW_PX // 2
-    return float(similarity[pad:-pad, pad:-pad].mean())
+
+
+def check_libraries() -> None:
+    """Raises UserError if scikit-image is not installed."""
+    if importlib.util.find_spec("skimage") is None:
+        raise UserError(
+            "bench table needs scikit-image for SSIM, which is not installed here",
+            f"`{install_command('scikit-image')}`",
+        )
 
 
 def kept_views(count: int, keep: int) -> range:
@@ -108,8 +105,8 @@ def kept_views(count: int, keep: int) -> range:
     return range(first, first + step * (keep - 1) + 1, max(step, 1))
 
 
-def measure(field: LightField, protocol: Protocol) -> Iterator[Candidate]:
-    """A candidate for each method. Raises ValueError if the field does not fit the protocol."""
+def measure(field: LightField, protocol: Protocol) -> Iterator[Variant]:
+    """A variant for each method. Raises ValueError if the field does not fit the protocol."""
     axes = [kept_views(count, protocol.keep) for count in (field.rows, field.cols)]
     if field.rows == field.cols == 1:
         raise ValueError("one view: nothing lies between")
@@ -127,9 +124,9 @@ def measure(field: LightField, protocol: Protocol) -> Iterator[Candidate]:
     grid = f"{len(rows)}x{len(cols)} -> {whole}"
     for method in reversed(METHODS):
         if kept_field.disparity is not None or method not in WARPS:
-            yield Candidate(
+            yield Variant(
                 curve=method,
-                knob=f"{field.name}, {grid}",
+                parameter=f"{field.name}, {grid}",
                 prepare=partial(_prepare, kept_field, method, truth, protocol),
             )
 
@@ -145,7 +142,7 @@ def _prepare(
         db.append(psnr_db(float(np.mean(np.square(true - luma)))))
         similar.append(ssim(true, luma))
     upcoming = itertools.cycle(truth)
-    turn = partial(cpu_ms, lambda: renderer.planes(*next(upcoming)), len(truth))
+    repetition = partial(cpu_ms, lambda: renderer.planes(*next(upcoming)), len(truth))
     maps = kept_field.disparity if method in WARPS else None
     stored_bytes = kept_field.views.nbytes + (0 if maps is None else maps.nbytes)
     metrics = {
@@ -154,7 +151,7 @@ def _prepare(
         "ssim": Value(float(np.mean(similar))),
         "mb": Value(stored_bytes / 1e6),
     }
-    return metrics, (lambda: {"ms": turn()}) if protocol.timed else None
+    return metrics, (lambda: {"ms": repetition()}) if protocol.timed else None
 
 
 def measure_scenes(
@@ -162,8 +159,10 @@ def measure_scenes(
 ) -> Results:
     """Every method on every scene.
 
-    scenes: (path, function that opens it); one that does not fit the protocol is left out.
+    scenes: (path, function that opens it); one that does not fit the protocol is left out. Raises
+    UserError if a library is missing.
     """
+    check_libraries()
     whole = Results(TABLE.name, about=conditions())
     rows = list[Row]()
     for path, open_field in scenes:

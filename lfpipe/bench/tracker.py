@@ -1,4 +1,4 @@
-"""Subject: face engines. Error against the true eyes of a sequence, time per camera frame."""
+"""Benchmark: face engines. Error against the true eyes of a sequence, time per camera frame."""
 
 import itertools
 import time
@@ -11,22 +11,21 @@ from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import FrameSequence, Inputs, Picture
 from lfpipe.bench.results import Value, mean_of, rms
-from lfpipe.bench.runner import Candidate, Offer, Prepared, cpu_ms
-from lfpipe.config import Track
+from lfpipe.bench.runner import Offer, Prepared, Variant, cpu_ms
+from lfpipe.config import Track, choices
 from lfpipe.track.make_engine import make_engine
 from lfpipe.track.models import package_folder
 
-ENGINES = ("litert", "mediapipe")
 WIDTHS_PX = (640, 320), (640, 320, 160)  # quick and full
-TURN_FRAMES = 12  # of each turn
+REPETITION_FRAMES = 12  # of each repetition
 BLOCKS = 10  # stretches of a sequence, for the interval of its error: frames resemble each other
 
 
 def motion_errors(eyes: NDArray[np.float64], truth: NDArray[np.float64]) -> dict[str, Value]:
-    """Figures of measured eyes (n, 2, 2) against the true ones, over frames with a face.
+    """Errors of measured eyes (n, 2, 2) against the true ones, over frames with a face.
 
     Engines define the centre of an eye differently (lids or iris). The median offset from the
-    truth, in distances between the eyes, is therefore subtracted and reported as `offset`.
+    truth, in eye distances, is therefore subtracted and reported as `offset`.
     """
     seen = np.isfinite(eyes).all(axis=(1, 2))
     between_px = np.linalg.norm(truth[seen, 0] - truth[seen, 1], axis=1)
@@ -51,15 +50,16 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
     widths = [width for width in offered if width <= width_px] or [width_px]
     if len(widths) < len(offered):
         yield f"input wider than {width_px} px: the frames of the sequence are smaller"
-    engines = ENGINES if package_folder() else ENGINES[:1]
-    if engines != ENGINES:
+    engines = list(choices("track.engine"))
+    if package_folder() is None:
+        engines.remove("mediapipe")
         yield "engine mediapipe: the package is not installed here"
     for name, refine, width in itertools.product(engines, (False, True), widths):
         size = (width, round(height_px * width / width_px))
-        track = Track(engine=name, refine=refine)
-        yield Candidate(
+        track = Track(engine=name, refine=refine)  # type: ignore[arg-type]
+        yield Variant(
             curve=name + " with irises" * refine,
-            knob=f"{size[0]}x{size[1]}",
+            parameter=f"{size[0]}x{size[1]}",
             prepare=partial(_prepare, inputs.sequence, track, size),
             paper=track == Track(engine="mediapipe") and width == widths[0],
             used=track == Track() and width == widths[0],
@@ -83,6 +83,6 @@ def _prepare(sequence: FrameSequence, track: Track, size: tuple[int, int]) -> Pr
             [np.full((2, 2), np.nan) if face is None else face.eyes_px * scale for face in faces]
         )
         metrics |= motion_errors(eyes, sequence.truth.eyes_px[: len(eyes)])
-    upcoming = itertools.cycle(itertools.islice(frames(), TURN_FRAMES))
-    detect = partial(cpu_ms, lambda: engine.detect(next(upcoming)), TURN_FRAMES)
+    upcoming = itertools.cycle(itertools.islice(frames(), REPETITION_FRAMES))
+    detect = partial(cpu_ms, lambda: engine.detect(next(upcoming)), REPETITION_FRAMES)
     return metrics, lambda: {"cpu_ms": detect(time.process_time_ns)}

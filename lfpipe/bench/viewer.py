@@ -1,5 +1,5 @@
-"""Subject: what each eye sees, against what it should see, in the world of
-`lfpipe.bench.simulator`.
+"""Benchmark: what each eye sees, against what it should see, in the
+simulator.
 """
 
 import itertools
@@ -9,8 +9,8 @@ from functools import cache, partial
 import numpy as np
 
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.results import Column, MetricsPage, Row, Table, Value, mean_of
-from lfpipe.bench.runner import Candidate, Offer, Prepared, cpu_ms
+from lfpipe.bench.results import Column, Metrics, Row, Table, Value, mean_of
+from lfpipe.bench.runner import Offer, Prepared, Variant, cpu_ms
 from lfpipe.bench.simulator.bounds import judged
 from lfpipe.bench.simulator.camera import NOISE_PX, Camera
 from lfpipe.bench.simulator.metrics import (
@@ -24,16 +24,16 @@ from lfpipe.bench.simulator.run import Run, Setup, Truth
 from lfpipe.bench.simulator.scene import SCENES, scene_of
 from lfpipe.bench.simulator.screen import Screen
 from lfpipe.bench.simulator.scripts import MOVES_ABOUT, SCRIPTS, Script, recorded
-from lfpipe.config import Track
+from lfpipe.config import FILTER_MODULES, Track
 from lfpipe.config.quality import METHODS
 from lfpipe.render.synthesis.compositor import Key
 
 PICTURES = (2, 24)  # compared of each script, quick and full
-TURN_PICTURES = 8
+REPETITION_PICTURES = 8
 VIEWPOINTS_PER_SCENE = 8
 EYE_DISTANCE_VIEWS = 1.5  # between the eyes, at most, of the viewpoints of scenes
 VIDEOS_HZ = (24.0, 25.0, 30.0, 50.0, 60.0)
-# scripts of the candidates
+# scripts of the variants
 MOVING = ("sways at 0.5 Hz", "sways at 1 Hz", "sways at 2 Hz", "steps", "shakes", "leans in")
 
 VIEWPOINTS = (
@@ -70,7 +70,7 @@ PICTURE_COLUMNS = (
 CONDITION_COLUMNS = (
     *VIEWPOINTS[:5],
     Column("lag_ms", "lag", "ms"),
-    Column("late", "pictures that missed their blank", "%"),
+    Column("late", "pictures that missed their vblank", "%"),
     *(Column(f"video_{hz:g}hz", f"video of {hz:g} Hz off plan", "%") for hz in VIDEOS_HZ),
     Column("plain_error", "plain loop: error", "views"),
     Column("plain_lag_ms", "plain loop: lag", "ms"),
@@ -105,7 +105,7 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
     count = PICTURES[not inputs.quick]
     yield from script_tables([*SCRIPTS, *recorded(inputs.tracks)], count)
     yield from other_tables()
-    yield from candidates(count)
+    yield from variants(count)
 
 
 def other_tables() -> Iterator[Table]:
@@ -136,7 +136,7 @@ def pictures_of(setup: Setup) -> Pictures:
     return Pictures(setup)
 
 
-def viewpoints(setup: Setup, script: Script) -> MetricsPage:
+def viewpoints(setup: Setup, script: Script) -> Metrics:
     """See `viewpoint_metrics`."""
     return viewpoint_metrics(watched(setup, script), Truth(setup, script), script)
 
@@ -164,8 +164,8 @@ def script_tables(some: Iterable[Script], count: int) -> Iterator[Table]:
     yield Table("script", PICTURE_COLUMNS, tuple(rows), "Pictures by script", note + against)
 
 
-def script_viewpoints(script: Script) -> MetricsPage:
-    """The figures of the columns VIEWPOINTS."""
+def script_viewpoints(script: Script) -> Metrics:
+    """The values of the columns VIEWPOINTS."""
     now = viewpoints(Setup(screen=Screen(device_latency_ms=0.0)), script)
     bare = viewpoints(Setup(track=Track(filter="mean", mean_k=1)), script)
     plain = viewpoints(plain_loop(), script)
@@ -178,8 +178,8 @@ def script_viewpoints(script: Script) -> MetricsPage:
     }
 
 
-def script_pictures(script: Script, count: int) -> MetricsPage:
-    """The figures of the columns PICTURE_COLUMNS."""
+def script_pictures(script: Script, count: int) -> Metrics:
+    """The values of the columns PICTURE_COLUMNS."""
     usual = Setup()
     pictures = pictures_of(usual)
     run = watched(usual, script)
@@ -231,7 +231,7 @@ def condition_table(title: str, of: str, setups: dict[str, Setup]) -> Table:
     return Table(of, CONDITION_COLUMNS, tuple(rows), title, note)
 
 
-def candidates(count: int) -> Iterator[Candidate]:
+def variants(count: int) -> Iterator[Variant]:
     """Methods, filters and noises of landmarks, on the scripts that move."""
     used = Track().filter
     best = METHODS[0]
@@ -239,7 +239,8 @@ def candidates(count: int) -> Iterator[Candidate]:
         *((used, method, Setup(method=method)) for method in reversed(METHODS)),
         *(
             (name, best, Setup(track=Track(filter=name), method=best))
-            for name in ("mean", "one-euro", "kalman")
+            for name in FILTER_MODULES
+            if name != used
         ),
         *(
             (used, f"landmarks of {px:g} px", Setup(camera=Camera(noise_px=px)))
@@ -248,13 +249,13 @@ def candidates(count: int) -> Iterator[Candidate]:
         ("plain loop", "nearest", plain_loop()),
         ("ideal viewpoint", "", Setup()),
     ]
-    for curve, knob, setup in ways:
-        yield Candidate(
+    for curve, parameter, setup in ways:
+        yield Variant(
             curve=curve,
-            knob=knob,
+            parameter=parameter,
             prepare=partial(_prepare, setup, count, curve == "ideal viewpoint"),
             paper=setup.track is None,
-            used=(curve, knob) == (used, best),
+            used=(curve, parameter) == (used, best),
         )
 
 
@@ -284,10 +285,10 @@ def _prepare(setup: Setup, count: int, ideal: bool) -> Prepared:
     }
     choice_ms = float(np.median(choosing_ms))
     upcoming = itertools.cycle(keys)
-    drawing_ms = partial(cpu_ms, lambda: pictures.draw(next(upcoming)), TURN_PICTURES)
+    drawing_ms = partial(cpu_ms, lambda: pictures.draw(next(upcoming)), REPETITION_PICTURES)
     return metrics, lambda: {"picture_ms": choice_ms + drawing_ms()}
 
 
-def _row(name: str, metrics: MetricsPage, of: str = "") -> Row:
-    """A row with its figures compared with their bounds. of: what it is, if no script."""
+def _row(name: str, metrics: Metrics, of: str = "") -> Row:
+    """A row with its values compared with their bounds. of: what it is, if no script."""
     return judged(Row(name, {key: Value(value) for key, value in metrics.items()}), of)

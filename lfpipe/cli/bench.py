@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from lfpipe.bench.benchmarks import SUBJECTS, TABLE
+from lfpipe.bench.benchmarks import BENCHMARKS, TABLE
 from lfpipe.bench.results import Results
 from lfpipe.cli.options import PATH, with_config
 from lfpipe.cli.terminal import print_result, say
@@ -17,7 +17,7 @@ OUT = click.option(
     default=Path("lfpipe-bench"),
     show_default=True,
     metavar="DIR",
-    help="Folder for results; those of other subjects in it stay.",
+    help="Folder for results; those of other benchmarks in it stay.",
 )
 
 
@@ -29,7 +29,7 @@ def bench() -> None:
     """
 
 
-def _command(name: str, subjects: tuple[str, ...], about: str) -> click.Command:
+def _command(name: str, benchmarks: tuple[str, ...], about: str) -> click.Command:
     @click.option("--scene", type=PATH, metavar="SCENE", help="Light field. Default: the demo's.")
     @click.option(
         "--sequence",
@@ -41,7 +41,7 @@ def _command(name: str, subjects: tuple[str, ...], about: str) -> click.Command:
     @click.option(
         "--quick",
         is_flag=True,
-        help="Fewer turns, smaller inputs.",
+        help="Fewer repetitions and smaller inputs.",
     )
     @with_config
     def run(
@@ -55,7 +55,7 @@ def _command(name: str, subjects: tuple[str, ...], about: str) -> click.Command:
             inputs = Inputs(
                 scene_path=scene, sequence_path=sequence, quick=quick, settings=config, progress=bar
             )
-            results = measure(subjects, inputs, out, bar)
+            results = measure(benchmarks, inputs, out, bar)
         _report(results, out)
 
     return click.command(name, help=about, short_help=about)(run)
@@ -64,14 +64,16 @@ def _command(name: str, subjects: tuple[str, ...], about: str) -> click.Command:
 bench.add_command(
     _command(
         "all",
-        tuple(SUBJECTS),
-        "Measure every subject: which method, filter and engine to use here, and why.",
+        tuple(BENCHMARKS),
+        "Run every benchmark: which method, filter and engine to use here, and why.",
     )
 )
-for _name, _subject in SUBJECTS.items():
+for _name, _benchmark in BENCHMARKS.items():
     if _name != "viewer":
         bench.add_command(
-            _command(_name, (_name,), _subject.question.partition("? ")[0].removesuffix("?") + "?")
+            _command(
+                _name, (_name,), _benchmark.question.partition("? ")[0].removesuffix("?") + "?"
+            )
         )
 
 
@@ -88,7 +90,7 @@ for _name, _subject in SUBJECTS.items():
 @click.option("--quick", is_flag=True, help="Fewer pictures.")
 @click.option("--check", is_flag=True, help="Exit with 1 if a figure is beyond its bound.")
 def viewer(tracks: tuple[Path, ...], out: Path, quick: bool, check: bool) -> int:
-    """Measure what each eye sees against what it should see, in a simulated world.
+    """Measure what each eye sees against what it should see, in a simulator with ground truth.
 
     Scripted viewers sit, sway, leave and come back in front of a simulated camera and screen;
     scenes are drawn exactly from any viewpoint. Time is simulated: every run gives the same errors.

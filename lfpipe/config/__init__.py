@@ -13,6 +13,7 @@ from lfpipe.config.session_options import (
     converter,
 )
 from lfpipe.config.tree import (
+    FILTER_MODULES,
     Camera,
     Config,
     Governor,
@@ -27,6 +28,7 @@ from lfpipe.config.tree import (
 from lfpipe.config.user_files import user_file
 
 __all__ = [
+    "FILTER_MODULES",
     "Camera",
     "Config",
     "Governor",

@@ -27,6 +27,16 @@ Anaglyph = Literal[
 ]
 
 
+# The built-in filters: value of track.filter -> module of `lfpipe.track.filters` whose function
+# `make(track, device_latency_s)` returns it.
+FILTER_MODULES = {
+    "predictive": "imm",
+    "one-euro": "one_euro",
+    "kalman": "kalman",
+    "mean": "mean",
+}
+
+
 @attrs.frozen
 class Key:
     """Meaning and limits of a value. types: of int, float, str and bool, those that it may have.
@@ -56,11 +66,14 @@ def key(
     doc: str,
     live: bool = False,
     replays: bool = True,
+    words: tuple[str, ...] = (),
 ) -> Any:
-    """A key as a field of its section."""
-    return attrs.field(
-        default=default, metadata={"key": Key(default, doc, unit, low, high, live, replays)}
-    )
+    """A key as a field of its section.
+
+    words: the only values of a text; by default those of its type.
+    """
+    made = Key(default, doc, unit, low, high, live, replays, words=words)
+    return attrs.field(default=default, metadata={"key": made})
 
 
 @attrs.frozen(kw_only=True)
@@ -173,8 +186,11 @@ class Track:
     engine: Literal["litert", "mediapipe"] = key(
         "litert", doc="litert: the landmark network in-thread; mediapipe: FaceMesh, as in the paper"
     )
-    filter: Literal["predictive", "one-euro", "kalman", "mean"] = key(
-        "predictive", live=True, doc="smoothing of the eye positions; mean is the paper's"
+    filter: str = key(
+        "predictive",
+        live=True,
+        words=tuple(FILTER_MODULES),
+        doc="smoothing of the eye positions; mean is the paper's",
     )
     mean_k: int = key(
         5, "frames", 1, 1000, live=True, doc="frames in the moving average of filter = mean"
@@ -422,11 +438,14 @@ def options() -> dict[str, Key]:
                 if get_origin(field.type) in (Union, UnionType)
                 else (field.type,)
             )
-            types = tuple(part for part in parts if isinstance(part, type))
-            words = tuple(word for part in parts if part not in types for word in get_args(part))
-            keys[f"{section}.{field.name}"] = attrs.evolve(
-                field.metadata["key"], types=types, words=words
-            )
+            one: Key = field.metadata["key"]
+            if not one.words:
+                types = tuple(part for part in parts if isinstance(part, type))
+                words = tuple(
+                    word for part in parts if part not in types for word in get_args(part)
+                )
+                one = attrs.evolve(one, types=types, words=words)
+            keys[f"{section}.{field.name}"] = one
     return keys
 
 

@@ -60,7 +60,7 @@ CAUSES = {  # in the order of the pipeline: an earlier difference causes the lat
     ),
     "eyes_filtered": (
         "raw eyes are equal: the filter or its constants changed (track.filter,"
-        " lfpipe/track/filters.py)"
+        " lfpipe/track/filters/)"
     ),
     "eyes_used": (
         "filtered eyes are equal: prediction or easing changed (replay.latency_ms, lfpipe/eyes.py,"

@@ -16,32 +16,32 @@ from numpy.typing import NDArray
 from lfpipe.track.network import Network, Roi, Warp, mapped, model_file, warp
 
 MIN_OVERLAP = 0.3  # boxes that overlap more are one face
-# overlap of one face's boxes in successive pictures: 0.3 at 2 m/s, arm's length and 30 Hz
-SAME = 0.2
-# overlap with the viewer's usual place:
-# sides differ by less than a third, which excludes people behind
-HOME = 0.45
+# Overlap of one face's boxes in successive pictures: 0.3 at 2 m/s, arm's length and 30 Hz.
+SAME_OVERLAP = 0.2
+# Overlap with the viewer's usual place: sides differ by less than a third, which excludes people
+# behind the viewer.
+HOME_OVERLAP = 0.45
 SCAN_PERIOD = 30  # pictures between two scans of the whole picture: about a second
 FAST_SCAN_PERIOD = 10  # the same while another face may be the viewer
-# consecutive scans that a nearer face must win, FAST_SCAN_PERIOD pictures apart: about a second
-WINS = 4
-NEARER = 1.6  # required ratio of prominence; equal faces never alternate
-HOME_SHARE = 0.02  # weight of the newest picture in the viewer's usual place: 50 pictures
-MEMORY = 150  # pictures at another place after which that place becomes the usual one
+NEARER_SCANS = 4  # consecutive fast scans that a nearer face must win: about a second
+MIN_NEARER_RATIO = 1.6  # of prominence; equal faces never alternate
+HOME_GAIN = 0.02  # low-pass gain of the viewer's usual place: 50 pictures
+HOME_PICTURES = 150  # after so many pictures at another place, that place becomes the usual one
 
 Box = tuple[float, float, float, float]
 
 
 @attrs.frozen
 class Range:
-    """A detection network. size_px: side of its input. grids: (cells per side, anchors per cell).
-    Scores below min_score are dropped.
-    """
+    """A detection network."""
 
     file: str
     size_px: int
+    """Side of its input."""
     grids: tuple[tuple[int, int], ...]
+    """(cells per side, anchors per cell)."""
     min_score: float
+    """Faces with lower scores are dropped."""
 
 
 # short: a viewer at a desk, 1.1 ms. full: faces down to 1/40 of the picture's width (3 m from an
@@ -54,13 +54,14 @@ FULL = Range("modules/face_detection/face_detection_full_range_sparse.tflite", 1
 
 @attrs.frozen(eq=False)
 class Detection:
-    """box_px (x0, y0, x1, y1); points_px (6, 2): the person's right and left eye, nose, mouth,
-    right and left ear; score 0..1.
-    """
+    """A face that a detector found."""
 
     box_px: tuple[float, float, float, float]
+    """(x0, y0, x1, y1)."""
     points_px: NDArray[np.float64]
+    """(6, 2): the person's right and left eye, nose, mouth, right and left ear."""
     score: float
+    """0 to 1."""
 
 
 def anchors(grids: tuple[tuple[int, int], ...]) -> NDArray[np.float32]:
@@ -167,7 +168,7 @@ class FaceSelector:
 
     If another face is followed, a face at the usual place is the viewer, who was hidden by a
     passer-by; the selector returns to it at once. A face that is clearly nearer and more central
-    (NEARER) for WINS scans takes over.
+    (MIN_NEARER_RATIO) for NEARER_SCANS scans takes over.
     """
 
     def __init__(self) -> None:
@@ -183,13 +184,13 @@ class FaceSelector:
         Returns whether to scan the whole picture for other faces now.
         """
         self._pictures += 1
-        if self._home is None or self._away > MEMORY:
+        if self._home is None or self._away > HOME_PICTURES:
             self._home = box
             self._away = 0
-        elif overlap(self._home, box) > HOME:
+        elif overlap(self._home, box) > HOME_OVERLAP:
             x0, y0, x1, y1 = self._home
             a, b, c, d = box
-            share = HOME_SHARE
+            share = HOME_GAIN
             self._home = (
                 x0 + share * (a - x0),
                 y0 + share * (b - y0),
@@ -219,7 +220,7 @@ class FaceSelector:
         not yet.
         """
         self._pictures = 0
-        others = [face for face in faces if overlap(followed, face.box_px) <= SAME]
+        others = [face for face in faces if overlap(followed, face.box_px) <= SAME_OVERLAP]
         back = [face for face in others if self._at_home(face.box_px)]
         if self._away and back:
             return max(back, key=lambda face: face.score)
@@ -228,8 +229,8 @@ class FaceSelector:
             key=lambda box: overlap(followed, box),
             default=followed,
         )
-        own = nearest if overlap(followed, nearest) > SAME else followed
-        least = NEARER * prominence(own, width_px, height_px)
+        own = nearest if overlap(followed, nearest) > SAME_OVERLAP else followed
+        least = MIN_NEARER_RATIO * prominence(own, width_px, height_px)
         best = max(
             others, key=lambda face: prominence(face.box_px, width_px, height_px), default=None
         )
@@ -237,11 +238,13 @@ class FaceSelector:
             self._wins = 0
             return None
         again = (
-            self._wins > 0 and self._rival is not None and overlap(self._rival, best.box_px) > SAME
+            self._wins > 0
+            and self._rival is not None
+            and overlap(self._rival, best.box_px) > SAME_OVERLAP
         )
         self._rival = best.box_px
         self._wins = self._wins + 1 if again else 1
-        return best if self._wins >= WINS else None
+        return best if self._wins >= NEARER_SCANS else None
 
     def change(self, box: Box) -> None:
         """Starts to follow the face in box; its place becomes the usual one."""
@@ -251,4 +254,4 @@ class FaceSelector:
         self._rival = None
 
     def _at_home(self, box: Box) -> bool:
-        return self._home is not None and overlap(self._home, box) > HOME
+        return self._home is not None and overlap(self._home, box) > HOME_OVERLAP

@@ -7,52 +7,54 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-LIMIT_PX = 1e6  # beyond every camera's picture
-MIN_APART_PX = 0.5  # between the eyes; a tracked face has at least 4 px
-# distance between the eyes over the longer side of the face;
-# 0.3 to 0.5 in faces, 1 in those of a bad fit
-WIDEST = 1.5
+from lfpipe.eyes import MIN_EYE_DISTANCE_PX, is_plausible_px
+
+# Eye distance over the longer side of the face: 0.3 to 0.5 in faces, 1 in those of a bad fit.
+MAX_EYE_DISTANCE = 1.5
 
 
 @attrs.frozen(eq=False)
 class Face:
-    """One face. eyes_px: float64 (2, 2), [[left x, y], [right x, y]] of the viewer's own eyes in px
-    of the picture given, confidence 0..1, box_px: (x0, y0, x1, y1). eye_distance_px: distance
-    between the eyes as if the head were not turned, 0 if unknown.
-    lean_deg: lean towards the shoulder, clockwise in the picture.
-    head_px: float (10, 3), `lfpipe.eyes.HEAD_POINTS` in the picture: right, down, away from the
-    camera; None if unknown.
-    """
+    """One face, in px of the picture given."""
 
     eyes_px: NDArray[np.float64]
+    """float64 (2, 2): [[left x, y], [right x, y]] of the viewer's own eyes."""
     confidence: float
+    """0 to 1."""
     box_px: tuple[float, float, float, float]
+    """(x0, y0, x1, y1)."""
     eye_distance_px: float = 0.0
+    """Distance between the eyes as if the head were not turned; 0: unknown."""
     lean_deg: float = 0.0
+    """Lean towards the shoulder, clockwise in the picture."""
     head_px: NDArray[np.float64] | None = None
+    """float (10, 3): `lfpipe.eyes.HEAD_POINTS`, right, down, away from the camera; None: unknown.
+    """
 
     @property
     def plausible(self) -> bool:
-        """Whether all numbers are finite and fit each other; otherwise no face is better than this
-        one.
+        """Whether all values are finite and consistent; if not, treat the frame as having no
+        face.
         """
         (lx, ly), (rx, ry) = self.eyes_px.tolist()
         x0, y0, x1, y1 = self.box_px
-        numbers = (lx, ly, rx, ry, x0, y0, x1, y1, self.eye_distance_px, self.confidence)
-        if math.isnan(sum(numbers)) or max(map(abs, numbers)) > LIMIT_PX:
+        if not is_plausible_px(lx, ly, rx, ry, x0, y0, x1, y1, self.eye_distance_px):
             return False
-        side_px = max(x1 - x0, y1 - y0)
-        eye_distance_px = math.hypot(lx - rx, ly - ry)
-        widest_px = WIDEST * side_px
-        known = self.eye_distance_px == 0 or MIN_APART_PX <= self.eye_distance_px <= widest_px
-        return MIN_APART_PX <= eye_distance_px <= widest_px and known and 0 <= self.confidence <= 1
+        max_px = MAX_EYE_DISTANCE * max(x1 - x0, y1 - y0)
+        distances_px = math.hypot(lx - rx, ly - ry), self.eye_distance_px or MIN_EYE_DISTANCE_PX
+        return 0 <= self.confidence <= 1 and all(
+            MIN_EYE_DISTANCE_PX <= distance_px <= max_px for distance_px in distances_px
+        )
 
 
 class Engine(Protocol):
+    """Finds the viewer's face in each picture, and follows it."""
+
     name: str
-    model: str  # file name and version, for `doctor`
-    # clockwise rotation of the picture that would make detected faces upright; 0: none needed
+    model: str
+    """File name and version, for `doctor`."""
     rotated_deg: int
+    """Clockwise rotation of the picture that would make detected faces upright; 0: none needed."""
 
     def detect(self, image: NDArray[np.uint8]) -> Face | None:
         """The viewer's face in uint8 (height, width, 3) BGR, or None.

@@ -18,14 +18,13 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Config
 from lfpipe.config.camera_pose import CameraPose
-from lfpipe.eyes import extrapolated
+from lfpipe.eyes import MIN_EYE_DISTANCE_PX, extrapolated, low_pass_gain
 
 Point = tuple[float, float, float]
 
 # time constant of the depth: the distance between the eyes is noisier than their position
-NEAR_S = 0.1
+DEPTH_S = 0.1
 LOST_NS = 500_000_000  # after such a gap the old depth means nothing
-MIN_PX = 0.5  # eyes closer together than this are not a face's
 
 # The points of `lfpipe.eyes.HEAD_POINTS` in the canonical model, cm: x to the face's left, y up, z
 # out of the face.
@@ -62,7 +61,7 @@ class Head:
 
 
 class HeadEstimator:
-    """Converts records of ring "eyes" to heads; smooths the depth over NEAR_S."""
+    """Converts records of ring "eyes" to heads; smooths the depth over DEPTH_S."""
 
     def __init__(self, config: Config) -> None:
         self.config = config
@@ -76,7 +75,7 @@ class HeadEstimator:
         eye_distance_px = float(record["eye_distance_px"]) or math.dist(
             *record["filtered_px"].tolist()
         )
-        if not MIN_PX <= eye_distance_px < math.inf:
+        if not MIN_EYE_DISTANCE_PX <= eye_distance_px < math.inf:
             return
         step_ns = t_sensor_ns - self._t_ns
         generation = int(record["generation"])
@@ -85,13 +84,8 @@ class HeadEstimator:
             or not 0 <= step_ns < LOST_NS
             or generation != self._generation
         )
-        ratio = step_ns / 1e9 / NEAR_S
-        self._eye_distance_px = (
-            eye_distance_px
-            if fresh
-            else self._eye_distance_px
-            + (eye_distance_px - self._eye_distance_px) * ratio / (1 + ratio)
-        )
+        gain = 1.0 if fresh else low_pass_gain(step_ns / 1e9, DEPTH_S)
+        self._eye_distance_px += gain * (eye_distance_px - self._eye_distance_px)
         self._t_ns = t_sensor_ns
         self._generation = generation
 

@@ -28,10 +28,10 @@ EDGES = (10, 152, 234, 454)  # top of the forehead, chin, and the sides of the f
 # outer corners of the eyes, right to left: defines the rotation of a face's region
 EYE_LINE = (33, 263)
 IRIS_PX = 64  # side of the crop
-# In distances between the eyes. A gaze moves both irises off the middle of the lids equally, and
+# In eye distances. A gaze moves both irises off the middle of the lids equally, and
 # only as far as the lids allow. If the two irises disagree, glasses or glare hide them, and the
 # lids are the better estimate.
-EYE_DISTANCE, ASIDE = 0.06, 0.13
+MAX_IRIS_DISAGREEMENT, MAX_IRIS_OFFSET = 0.06, 0.13
 _IRIS_SCALE = 2.3  # width of the crop in distances between the eye's corners
 # inner and outer of the viewer's left eye, outer and inner of the right: both left to right
 _CORNERS = ((362, 263), (33, 133))
@@ -40,7 +40,7 @@ _CORNERS = ((362, 263), (33, 133))
 _LIDS = 9
 _KEY = np.concatenate([LEFT_EYE[:_LIDS], RIGHT_EYE[:_LIDS], EYE_LINE, HEAD_POINTS])
 _HEAD = 2 * _LIDS + len(EYE_LINE)  # index of the first of HEAD_POINTS in _KEY
-# From the mean of these points to that of all 16 in open eyes, in distances between the eyes:
+# From the mean of these points to that of all 16 in open eyes, in eye distances:
 # upwards, and away from the nose. Medians over 60 pictures of 10 people (0.0355, 0.0073) and 429
 # frames of a talking person (0.0370, 0.0062).
 _RAISE, _SPREAD = 0.036, 0.0067
@@ -113,6 +113,7 @@ class Irises:
             centres_px[eye] = mapped(np.array([[x if eye else IRIS_PX - x, y]]), matrix)
         off = (centres_px - lids_px) / max(eye_distance_px, 1.0)
         hidden = (
-            float(np.hypot(*(off[0] - off[1]))) > EYE_DISTANCE or float(np.abs(off).max()) > ASIDE
+            float(np.hypot(*(off[0] - off[1]))) > MAX_IRIS_DISAGREEMENT
+            or float(np.abs(off).max()) > MAX_IRIS_OFFSET
         )
         return lids_px if hidden else centres_px

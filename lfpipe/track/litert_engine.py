@@ -10,73 +10,57 @@ candidate, it tries the next.
 import logging
 import math
 from collections import Counter
-from functools import cached_property
 
 import attrs
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.track.detector import (
-    FULL,
-    SAME,
+    SAME_OVERLAP,
     Detection,
-    Detector,
     FaceSelector,
     overlap,
     prominence,
 )
 from lfpipe.track.engine import Face
-from lfpipe.track.landmarks import Irises, eye_points
+from lfpipe.track.face_networks import FaceNetworks, LitertNetworks
 from lfpipe.track.liveness import Liveness
-from lfpipe.track.network import Network, Roi, around, model_file, portable_warp, warp
+from lfpipe.track.network import Roi, around
 
-SIZE_PX = 192  # side of the network's picture
-POINTS = 468  # of MediaPipe's face mesh
-FOUND = 0.5  # confidence that a new face needs
-# the same for a small face: its detector has many false alarms, and real faces get high confidence
-FOUND_FAR = 0.9
-# confidence that a followed face needs: a hand in front of it lowers confidence more than accuracy
-KEPT = 0.2
+NEW_CONFIDENCE = 0.5  # that a new face needs
+# That a small new face needs: its detector has many false alarms, and real faces get more.
+NEW_FAR_CONFIDENCE = 0.9
+# That a followed face needs: a hand in front of it lowers confidence more than accuracy.
+KEPT_CONFIDENCE = 0.2
 # The same behind a mask and film glasses (-5.3 logits in one of 20), where the detector is sure: it
 # gives 0.7 to 19 of 20 of these faces, and 0.6 to the likeliest scene without one.
-DOUBTFUL, CERTAIN = 0.005, 0.7
-DOUBTED_EVERY = 10  # pictures after which a doubtful face must be detected again
-CANDIDATES = 6  # faces per picture that the landmark network tries, 1.3 ms each
-# distance between the eyes over the picture's longer side (1.5 m away):
-# the near detector misses such faces
-SMALL = 0.04
-FAR_EVERY = 8  # pictures without a face between runs of the full-range detector (10 ms each)
-UPRIGHT_DEG = 80.0  # no head leans further; such a face is in a rotated picture
-# a new face that leans further is measured again, at most REPEATS times
-LEANING_DEG, REPEATS = 30.0, 4
-# the ways in which a camera or a picture stands wrong
-QUARTERS = (math.pi, math.pi / 2, -math.pi / 2)
-# logits by which a face is surer in a region turned by quarters: upside down by 11 to 32, behind a
-# mask by up to 4.3
-SURER = 5.0
-ROTATED_FACES = 3  # number of rotated faces before the hint appears
+DOUBTFUL_CONFIDENCE, CERTAIN_SCORE = 0.005, 0.7
+RECHECK_PICTURES = 10  # pictures after which a doubtful face must be detected again
+MAX_CANDIDATES = 6  # faces per picture that the landmark network tries, 1.3 ms each
+# Eye distance over the picture's longer side (1.5 m away): the near detector misses such faces.
+SMALL_EYE_DISTANCE = 0.04
+FAR_PERIOD = 8  # pictures without a face between runs of the full-range detector (10 ms each)
+MAX_LEAN_DEG = 80.0  # no head leans further; such a face is in a rotated picture
+# A new face that leans further is measured again, at most MAX_REMEASUREMENTS times.
+REMEASURE_DEG, MAX_REMEASUREMENTS = 30.0, 4
+# Wrong orientations of a camera or a picture.
+QUARTER_TURNS = (math.pi, math.pi / 2, -math.pi / 2)
+# Logits that a face gains in a region rotated by quarter turns: upside down 11 to 32, behind a mask
+# up to 4.3.
+ROTATED_LOGITS = 5.0
+HINT_FACES = 3  # rotated faces before the hint appears
 
 log = logging.getLogger(__name__)
 
 
 class LitertEngine:
-    """refine: eye centres are those of the irises, at the cost of two small networks. portable: the
-    same eyes to the last bit in every version of OpenCV, at the cost of 0.14 ms.
-
-    Raises UserError if mediapipe's network files are missing or have another version.
-    """
+    """Finds and follows the viewer's face with the networks given; by default `LitertNetworks`."""
 
     name = "litert"
 
-    def __init__(self, refine: bool = False, portable: bool = False) -> None:
-        self._warp = portable_warp if portable else warp
-        self._network = Network(
-            model_file("modules/face_landmark/face_landmark.tflite"), SIZE_PX, (POINTS * 3, 1)
-        )
-        self._near = Detector(warp=self._warp)
-        self._irises = Irises(self._warp) if refine else None
-        self.model = self._network.name + (f" + {self._irises.model}" if self._irises else "")
+    def __init__(self, networks: FaceNetworks | None = None) -> None:
+        self._networks = networks or LitertNetworks()
+        self.model = self._networks.model
         self.rotated_deg = 0
         self._rotated: Counter[int] = Counter()  # rotation in degrees
         self._size: tuple[int, ...] = ()
@@ -101,7 +85,9 @@ class LitertEngine:
             self._size = image.shape[:2]
             self._liveness = Liveness()
             self.reset()
-        measured = self._measure(image, self._roi, DOUBTFUL) if self._roi else None
+        measured = (
+            self._networks.measure(image, self._roi, DOUBTFUL_CONFIDENCE) if self._roi else None
+        )
         if measured is None or not self._keeps(image, measured[0]):
             measured = self._search(image)
             self._liveness.begin()
@@ -116,20 +102,21 @@ class LitertEngine:
         return self._followed
 
     def _keeps(self, image: NDArray[np.uint8], face: Face) -> bool:
-        """Whether to go on following a face: it is upright, and if the landmark network is not
-        sure, the detector is, now and then.
+        """Whether to keep following a face: it is upright, and where the landmark network is
+        unsure, the detector confirms it now and then.
         """
-        if abs(face.lean_deg) > UPRIGHT_DEG:
+        if abs(face.lean_deg) > MAX_LEAN_DEG:
             return False
-        if face.confidence >= KEPT:
+        if face.confidence >= KEPT_CONFIDENCE:
             self._doubts = 0
             return True
         self._doubts += 1
-        if self._doubts % DOUBTED_EVERY != 1:
+        if self._doubts % RECHECK_PICTURES != 1:
             return True
-        found = self._near.detect(image)
+        found = self._networks.detect(image)
         return any(
-            one.score >= CERTAIN and overlap(one.box_px, face.box_px) > SAME for one in found
+            one.score >= CERTAIN_SCORE and overlap(one.box_px, face.box_px) > SAME_OVERLAP
+            for one in found
         )
 
     def examine(self, image: NDArray[np.uint8]) -> None:
@@ -142,10 +129,10 @@ class LitertEngine:
         followed = self._followed
         self._scan = False
         height_px, width_px = image.shape[:2]
-        candidates = self._near.detect(image)
-        if followed.eye_distance_px < SMALL * max(width_px, height_px):
-            candidates += self._far.detect(image)
-        own = [one for one in candidates if overlap(followed.box_px, one.box_px) > SAME]
+        candidates = self._networks.detect(image)
+        if followed.eye_distance_px < SMALL_EYE_DISTANCE * max(width_px, height_px):
+            candidates += self._networks.detect_far(image)
+        own = [one for one in candidates if overlap(followed.box_px, one.box_px) > SAME_OVERLAP]
         if own:
             box = max(own, key=lambda one: overlap(followed.box_px, one.box_px)).box_px
             self._liveness.scanned(box)
@@ -155,7 +142,7 @@ class LitertEngine:
         measured = self._living(image, candidates, followed) if self._liveness.still else None
         if measured is None:
             rival = self._selector.rival(candidates, followed.box_px, width_px, height_px)
-            measured = self._acquire(image, rival, FOUND) if rival else None
+            measured = self._acquire(image, rival, NEW_CONFIDENCE) if rival else None
         if measured is not None:
             face, self._roi = measured
             log.info("another face is followed: %s instead of %s", face.box_px, followed.box_px)
@@ -166,38 +153,34 @@ class LitertEngine:
         self, image: NDArray[np.uint8], candidates: list[Detection], followed: Face
     ) -> tuple[Face, Roi] | None:
         """The most prominent face that lives, to follow instead of a portrait."""
-        others = [one for one in candidates if overlap(followed.box_px, one.box_px) <= SAME]
-        measured = [self._acquire(image, one, FOUND) for one in others[:CANDIDATES]]
+        others = [one for one in candidates if overlap(followed.box_px, one.box_px) <= SAME_OVERLAP]
+        measured = [self._acquire(image, one, NEW_CONFIDENCE) for one in others[:MAX_CANDIDATES]]
         regions = {id(one[0]): one for one in measured if one is not None}
         alive = self._liveness.others_alive([one for one, _ in regions.values()], followed)
         size_px = image.shape[1], image.shape[0]
         best = max(alive, key=lambda face: prominence(face.box_px, *size_px), default=None)
         return None if best is None else regions[id(best)]
 
-    @cached_property
-    def _far(self) -> Detector:
-        return Detector(FULL, self._warp)
-
     def _search(self, image: NDArray[np.uint8]) -> tuple[Face, Roi] | None:
         """Searches the whole picture for a face."""
         height_px, width_px = image.shape[:2]
-        near = self._near.detect(image)
-        looks = [(FOUND, near)]
-        if self._without % FAR_EVERY == FAR_EVERY - 1:
-            looks.append((FOUND_FAR, self._look_far(image)))
-        elif self._without % FAR_EVERY == FAR_EVERY // 2:
+        near = self._networks.detect(image)
+        looks = [(NEW_CONFIDENCE, near)]
+        if self._without % FAR_PERIOD == FAR_PERIOD - 1:
+            looks.append((NEW_FAR_CONFIDENCE, self._look_far(image)))
+        elif self._without % FAR_PERIOD == FAR_PERIOD // 2:
             self._look_rotated(image)
-        looks.append((DOUBTFUL, [one for one in near if one.score >= CERTAIN]))
-        for least, candidates in looks:
+        looks.append((DOUBTFUL_CONFIDENCE, [one for one in near if one.score >= CERTAIN_SCORE]))
+        for min_confidence, candidates in looks:
             ranked = self._selector.rank(candidates, width_px, height_px)
-            ranked.sort(key=self._liveness.is_portrait)  # somebody is better than nobody
-            for candidate in ranked[:CANDIDATES]:
-                if (measured := self._acquire(image, candidate, least)) is not None:
+            ranked.sort(key=self._liveness.is_portrait)  # a portrait is better than nobody
+            for candidate in ranked[:MAX_CANDIDATES]:
+                if (measured := self._acquire(image, candidate, min_confidence)) is not None:
                     return measured
         return None
 
     def _acquire(
-        self, image: NDArray[np.uint8], candidate: Detection, least: float
+        self, image: NDArray[np.uint8], candidate: Detection, min_confidence: float
     ) -> tuple[Face, Roi] | None:
         """Measures a new face and its own region; None if it is not upright, which counts for the
         hint.
@@ -207,23 +190,29 @@ class LitertEngine:
         between the eyes there. The detector often takes an upside-down face for an upright one, but
         the landmark network is surer in the rotated region.
         """
-        measured = self._measure(image, around(candidate.box_px, *candidate.points_px[:2]), least)
-        for k in range(REPEATS):
+        measured = self._networks.measure(
+            image, around(candidate.box_px, *candidate.points_px[:2]), min_confidence
+        )
+        for k in range(MAX_REMEASUREMENTS):
             if measured is None:
                 break
             face = measured[0]
             again = k == 0 and _is_cut_off(face, image)
-            if not again and abs(face.lean_deg) < LEANING_DEG:
+            if not again and abs(face.lean_deg) < REMEASURE_DEG:
                 break
-            measured = self._measure(image, measured[1], min(KEPT, least))
+            measured = self._networks.measure(
+                image, measured[1], min(KEPT_CONFIDENCE, min_confidence)
+            )
         if measured is None or self._is_rotated(measured[0]):
             return None
         region = measured[1]
-        turned = [attrs.evolve(region, angle=region.angle + angle) for angle in QUARTERS]
-        sure, *logits = (self._run(image, roi)[2] for roi in (region, *turned))
-        surest = max(range(len(QUARTERS)), key=logits.__getitem__)
+        turned = [attrs.evolve(region, angle=region.angle + angle) for angle in QUARTER_TURNS]
+        sure, *logits = (self._networks.logit(image, roi) for roi in (region, *turned))
+        surest = max(range(len(QUARTER_TURNS)), key=logits.__getitem__)
         rotated = (
-            self._measure(image, turned[surest], FOUND) if logits[surest] > sure + SURER else None
+            self._networks.measure(image, turned[surest], NEW_CONFIDENCE)
+            if logits[surest] > sure + ROTATED_LOGITS
+            else None
         )
         if rotated is None:
             return measured
@@ -233,10 +222,10 @@ class LitertEngine:
         """Whether a face leans further than a head can: the picture is rotated. The most frequent
         rotation is the hint.
         """
-        if abs(face.lean_deg) <= UPRIGHT_DEG:
+        if abs(face.lean_deg) <= MAX_LEAN_DEG:
             return False
         self._rotated[round(-face.lean_deg / 90) * 90 % 360] += 1
-        if not self.rotated_deg and self._rotated.total() >= ROTATED_FACES:
+        if not self.rotated_deg and self._rotated.total() >= HINT_FACES:
             ((self.rotated_deg, _),) = self._rotated.most_common(1)
             log.info("faces are rotated: %s", dict(self._rotated))
         return True
@@ -246,68 +235,27 @@ class LitertEngine:
         parts that cover its width.
         """
         height_px, width_px = image.shape[:2]
-        turn = self._without // FAR_EVERY % 4
+        turn = self._without // FAR_PERIOD % 4
         if turn == 0:
-            return self._far.detect(image)
+            return self._networks.detect_far(image)
         side_px = 0.6 * max(width_px, height_px)
         x_px, y_px = (
             min(max(share * length, side_px / 2), max(length - side_px / 2, length / 2))
             for share, length in (((0.5, 0.0, 1.0)[turn - 1], width_px), (0.4, height_px))
         )
-        return self._far.detect(image, Roi(x_px, y_px, side_px, 0.0))
+        return self._networks.detect_far(image, Roi(x_px, y_px, side_px, 0.0))
 
     def _look_rotated(self, image: NDArray[np.uint8]) -> None:
         """Counts faces that are upside down or sideways; the detector misses many of them unless
         the picture is rotated.
         """
         height_px, width_px = image.shape[:2]
-        angle = QUARTERS[self._without // FAR_EVERY % 3]
+        angle = QUARTER_TURNS[self._without // FAR_PERIOD % 3]
         whole = Roi(width_px / 2, height_px / 2, max(width_px, height_px), angle)
-        for candidate in self._near.detect(image, whole)[:1]:
+        for candidate in self._networks.detect(image, whole)[:1]:
             roi = around(candidate.box_px, *candidate.points_px[:2])
-            if (measured := self._measure(image, roi, FOUND)) is not None:
+            if (measured := self._networks.measure(image, roi, NEW_CONFIDENCE)) is not None:
                 self._is_rotated(measured[0])
-
-    def _run(
-        self, image: NDArray[np.uint8], roi: Roi
-    ) -> tuple[NDArray[np.float64], NDArray[np.float32], float]:
-        """Returns roi's matrix, the network's points in px of the crop, flat, and the logit of its
-        confidence.
-        """
-        matrix = roi.matrix(SIZE_PX)
-        points, logit = self._network.run(
-            roi.crop(image, matrix, SIZE_PX, cv2.BORDER_REPLICATE, self._warp)
-        )
-        return matrix, points, float(logit[0])
-
-    def _measure(self, image: NDArray[np.uint8], roi: Roi, least: float) -> tuple[Face, Roi] | None:
-        """The face in roi, however it leans, and its region in the next picture.
-
-        least: the required confidence.
-        """
-        matrix, values, logit = self._run(image, roi)
-        confidence = 1 / (1 + math.exp(-min(max(logit, -80.0), 80.0)))
-        if confidence < least:
-            return None
-        mesh = values.reshape(POINTS, 3)
-        (_, _, x), (_, _, y) = matrix.tolist()
-        points = matrix[:, :1] * mesh[:, 0] + matrix[:, 1:2] * mesh[:, 1]  # (2, 468) px from (x, y)
-        x0, y0 = np.minimum.reduce(points, axis=1).tolist()
-        x1, y1 = np.maximum.reduce(points, axis=1).tolist()
-        (lx, ly), (rx, ry), left, right, eye_distance_px, head_px = eye_points(
-            points, mesh[:, 2], np.float32(roi.side_px / SIZE_PX)
-        )
-        edges = x0 + x, y0 + y, x1 + x, y1 + y
-        region = around(edges, right, left)
-        # narrower than a pixel, or NaN: no region for the next picture
-        if not 1.0 <= region.side_px < math.inf:
-            return None
-        eyes_px = np.array(((lx + x, ly + y), (rx + x, ry + y)))
-        if self._irises is not None:
-            eyes_px = self._irises.refined(image, points.T + matrix[:, 2], eyes_px, eye_distance_px)
-        return Face(
-            eyes_px, confidence, edges, eye_distance_px, math.degrees(region.angle), head_px
-        ), region
 
 
 def _is_cut_off(face: Face, image: NDArray[np.uint8]) -> bool:

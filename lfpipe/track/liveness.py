@@ -1,37 +1,36 @@
-"""Whether a face lives: a photograph or a portrait on the wall is no viewer while somebody else is
-there.
+"""Liveness detection: rejects photographs and portraits while a living face is in the picture.
 
-Counts pictures, as `FaceSelector` does. Lengths are in distances between the eyes. On 16 clips of
-living people the eyes leave MOVED within 8 pictures of the first ones, and within 51 later on; a
-photograph's landmarks move by a tenth of it.
+Counts pictures, as `FaceSelector` does. Lengths are in eye distances. On 16 clips of living people
+the eyes leave MIN_MOTION within 8 pictures of the first ones, and within 51 later on; the landmarks
+of a photograph move by a tenth of it.
 """
 
 import math
 
-from lfpipe.track.detector import SAME, Box, Detection, overlap
+from lfpipe.track.detector import SAME_OVERLAP, Box, Detection, overlap
 from lfpipe.track.engine import Face
 
-MOVED = 0.0075  # of low-passed eyes, from where they last were
-SMOOTHING = 8  # pictures; twice as many after a face was found do not count
-# pictures without motion that make a portrait: of a face that never moved, and of one that did
-NEVER_MOVED, STILL = 60, 300
-KNOWN = 0.7  # overlap of a portrait's boxes in two pictures: it does not move
+MIN_MOTION = 0.0075  # of low-passed eyes, from where they last were
+SMOOTHING_PICTURES = 8  # pictures; twice as many after a face was found do not count
+# Pictures without motion after which a face is a portrait: one that never moved, and one that did.
+PORTRAIT_PICTURES, STILL_PICTURES = 60, 300
+PORTRAIT_OVERLAP = 0.7  # overlap of a portrait's boxes in two pictures: it does not move
 # Motion between scans of a face that is not followed: each scan measures it anew, with more noise.
-# One much smaller than the portrait is somebody who passes behind.
-ALIVE, MIN_SIZE = 0.03, 0.65
+# A face much smaller than the portrait is that of a passer-by.
+MIN_SCAN_MOTION, MIN_RELATIVE_SIZE = 0.03, 0.65
 
 Middle = tuple[float, float]
 
 
 class Liveness:
-    """The motion of the followed face, of the others from scan to scan, and the known portraits."""
+    """Measures the motion of the followed face and, from scan to scan, of the others."""
 
     def __init__(self) -> None:
         self._portraits: list[Box] = []
         self.begin()
 
     def begin(self) -> None:
-        """Another face is followed."""
+        """Starts to follow another face."""
         self._smooth: Middle | None = None
         self._anchor: Middle = (0.0, 0.0)
         self._pictures = self._resting = 0
@@ -41,16 +40,21 @@ class Liveness:
     @property
     def still(self) -> bool:
         """Whether the followed face is a portrait."""
-        return self._resting >= (STILL if self._has_moved else NEVER_MOVED)
+        return self._resting >= (STILL_PICTURES if self._has_moved else PORTRAIT_PICTURES)
 
     def follow(self, face: Face) -> None:
         """Adds a picture of the followed face."""
         here = _middle(face)
         x, y = self._smooth or here
-        self._smooth = smooth = x + (here[0] - x) / SMOOTHING, y + (here[1] - y) / SMOOTHING
+        self._smooth = smooth = (
+            x + (here[0] - x) / SMOOTHING_PICTURES,
+            y + (here[1] - y) / SMOOTHING_PICTURES,
+        )
         self._pictures += 1
-        settling = self._pictures <= 2 * SMOOTHING
-        if settling or math.dist(smooth, self._anchor) > MOVED * max(face.eye_distance_px, 1.0):
+        settling = self._pictures <= 2 * SMOOTHING_PICTURES
+        if settling or math.dist(smooth, self._anchor) > MIN_MOTION * max(
+            face.eye_distance_px, 1.0
+        ):
             self._has_moved |= not settling
             self._anchor = smooth
             self._resting = 0
@@ -61,12 +65,14 @@ class Liveness:
         """Remembers the box in which a scan found the followed face, if it is a portrait, else
         forgets the portraits there.
         """
-        self._portraits = [box for box in self._portraits if overlap(box, followed) <= KNOWN]
+        self._portraits = [
+            box for box in self._portraits if overlap(box, followed) <= PORTRAIT_OVERLAP
+        ]
         if self.still:
             self._portraits.append(followed)
 
     def is_portrait(self, candidate: Detection) -> bool:
-        return any(overlap(box, candidate.box_px) > KNOWN for box in self._portraits)
+        return any(overlap(box, candidate.box_px) > PORTRAIT_OVERLAP for box in self._portraits)
 
     def others_alive(self, others: list[Face], followed: Face) -> list[Face]:
         """Those of the other faces of a scan that have moved since they were first seen near here,
@@ -77,10 +83,12 @@ class Liveness:
         alive = []
         for face in others:
             here = _middle(face)
-            first = next((at for box, at in before if overlap(box, face.box_px) > SAME), here)
+            first = next(
+                (at for box, at in before if overlap(box, face.box_px) > SAME_OVERLAP), here
+            )
             self._others.append((face.box_px, first))
-            large = face.eye_distance_px >= MIN_SIZE * followed.eye_distance_px
-            if large and math.dist(first, here) > ALIVE * face.eye_distance_px:
+            large = face.eye_distance_px >= MIN_RELATIVE_SIZE * followed.eye_distance_px
+            if large and math.dist(first, here) > MIN_SCAN_MOTION * face.eye_distance_px:
                 alive.append(face)
         return alive
 

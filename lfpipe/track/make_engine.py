@@ -9,15 +9,16 @@ from lfpipe.track.engine import Engine, Face
 
 def make_engine(track: Track, portable: bool = False) -> Engine:
     """The engine that track names, ready. Its libraries are imported only now. portable: see
-    `LitertEngine`.
+    `LitertNetworks`.
 
     Raises UserError if its libraries or models are missing or have another version.
     """
     name: str = track.engine
     if name == "litert":
+        from lfpipe.track.face_networks import LitertNetworks
         from lfpipe.track.litert_engine import LitertEngine
 
-        return LitertEngine(track.refine, portable)
+        return LitertEngine(LitertNetworks(track.refine, portable))
     if name == "mediapipe":
         from lfpipe.track.mediapipe_engine import MediapipeEngine
 

@@ -1,4 +1,4 @@
-"""Subjects on small inputs: figures and skipped measurements."""
+"""Benchmarks on small inputs: figures and skipped measurements."""
 
 import itertools
 from pathlib import Path
@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from lfpipe.bench import paper_loop, pipeline, stability, synthesis, tracker
 from lfpipe.bench.inputs import FrameSequence, demo_sequence, read_sequence
 from lfpipe.bench.results import Results
-from lfpipe.bench.runner import Candidate
+from lfpipe.bench.runner import Variant
 from lfpipe.sequence.eyes import Truth
 from lfpipe.track.models import package_folder
 from tests.bench.inputs import inputs, wall
@@ -28,10 +28,10 @@ def sequence(tmp_path_factory: pytest.TempPathFactory) -> FrameSequence:
     return read_sequence(demo_sequence(tmp_path_factory.mktemp("sequence"), 0.5), 75)
 
 
-def split(offered: object) -> tuple[dict[str, Candidate], dict[str, str]]:
+def split(offered: object) -> tuple[dict[str, Variant], dict[str, str]]:
     items = list(offered)  # type: ignore[call-overload]
     left_out = dict(item.split(": ", 1) for item in items if isinstance(item, str))
-    return {item.name: item for item in items if isinstance(item, Candidate)}, left_out
+    return {item.name: item for item in items if isinstance(item, Variant)}, left_out
 
 
 def test_tracker_follows_the_demo_within_a_pixel(tmp_path: Path, sequence: FrameSequence) -> None:
@@ -42,19 +42,19 @@ def test_tracker_follows_the_demo_within_a_pixel(tmp_path: Path, sequence: Frame
     assert sequence.truth is not None and np.ptp(sequence.truth.eyes_px[61:], axis=0).max() > 5, (
         "it moves after two seconds"
     )
-    metrics, turn = found["litert, 640x480"].prepare()
+    metrics, repetition = found["litert, 640x480"].prepare()
     assert metrics["error"].value < 2.0
-    assert turn is not None and set(turn()) == {"cpu_ms"}
+    assert repetition is not None and set(repetition()) == {"cpu_ms"}
     found, skipped = split(
         tracker.measure(inputs(wall(2, 2), tmp_path, attrs.evolve(sequence, truth=None)))
     )
     assert "error of tracking" in skipped and set(found["litert, 320x240"].prepare()[0]) == {
         "missed"
     }
-    blank, skipped = split(tracker.measure(inputs(wall(2, 2), tmp_path)))
+    vblank, skipped = split(tracker.measure(inputs(wall(2, 2), tmp_path)))
     assert "input wider than 160 px" in skipped
     with pytest.raises(ValueError, match="no face"):
-        blank["litert, 160x120"].prepare()
+        vblank["litert, 160x120"].prepare()
 
 
 def test_synthesis_of_a_wall_and_what_does_not_apply(tmp_path: Path) -> None:
@@ -62,12 +62,12 @@ def test_synthesis_of_a_wall_and_what_does_not_apply(tmp_path: Path) -> None:
     assert not skipped and [name for name, one in found.items() if one.paper] == [
         "nearest, every 2nd view"
     ]
-    (near, _), (warped, turn) = (
+    (near, _), (warped, repetition) = (
         found[f"{name}, every 2nd view"].prepare() for name in ("nearest", "warp2")
     )
     assert warped["psnr_db"].low > near["psnr_db"].high + 5
     assert near["jump"].value > 10 > 4 > warped["jump"].value
-    assert turn is not None and turn()["cpu_ms"] > 0
+    assert repetition is not None and repetition()["cpu_ms"] > 0
     for rows, cols, disparity, missing, curves in (
         (5, 5, False, "warped views", {"nearest", "blend"}),
         (1, 9, True, "viewpoints off the line", {"nearest", "blend", "warp", "warp2"}),

@@ -13,13 +13,13 @@ from tests.support.world import World
 
 ROOT = Path(__file__).parents[2]
 # shared by scripts; the last is a build hook
-NO_SCRIPTS = ("arguments", "drawn_scenes", "simulated_recordings", "package_page")
+NO_SCRIPTS = ("arguments", "simulated_recordings", "package_page")
 FILES = [*ROOT.glob("profiling/*.py"), *ROOT.glob("tools/*.py")]
 SCRIPTS = sorted(path for path in FILES if path.stem not in NO_SCRIPTS)
 WITH_DATA = ("eyes_engines", "pipeline_vs_loop", "scene_pack")
 
 
-def test_subjects_from_the_command_line_share_a_folder(
+def test_benchmarks_from_the_command_line_share_a_folder(
     world: World, scene: Path, clip: Path
 ) -> None:
     first = world.done(
@@ -30,7 +30,7 @@ def test_subjects_from_the_command_line_share_a_folder(
     )
     # credited to itself only
     world.done("bench", "stability", "--quick", "--scene", scene, "--out", "out")
-    both = json.loads((world.root / "out" / "results.json").read_text())["subjects"]
+    both = json.loads((world.root / "out" / "results.json").read_text())["benchmarks"]
     assert [one["about"]["command"].split()[2] for one in both.values()] == [
         "synthesis",
         "stability",
@@ -39,7 +39,7 @@ def test_subjects_from_the_command_line_share_a_folder(
 
 def test_mistakes_are_named(world: World, clip: Path) -> None:
     alone = world.run("bench")
-    assert "Measure every subject" in alone.stdout + alone.stderr, "its help"
+    assert "Run every benchmark" in alone.stdout + alone.stderr, "its help"
     for words, text in (
         (("bench", "trackers"), "trackers"),
         (("bench", "stability", "--quick", "--scene", "nowhere", "--sequence", clip), "nowhere"),

@@ -1,4 +1,4 @@
-"""The runner: turns are interleaved, failures are kept by name; the report begins with verdicts."""
+"""The runner interleaves repetitions and keeps failures; the report begins with verdicts."""
 
 import base64
 import itertools
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from lfpipe.bench import runner
-from lfpipe.bench.benchmarks import SUBJECTS, Choice, Subject
+from lfpipe.bench.benchmarks import BENCHMARKS, Benchmark, Choice
 from lfpipe.bench.page import chart, verdict, write_report
 from lfpipe.bench.results import (
     Column,
@@ -24,15 +24,15 @@ from lfpipe.bench.results import (
     timing,
     write,
 )
-from lfpipe.bench.runner import Candidate, Offer, Prepared, run
+from lfpipe.bench.runner import Offer, Prepared, Variant, run
 from lfpipe.errors import UserError
 from tests.bench.inputs import inputs, wall
 
 COLUMNS = (Column("error_px", "error", "px"), Column("time_ms", "time", "ms"))
 CHOICE = Choice("track.fake", 11.0, "a third of a frame")
-FAKE = Subject(
+FAKE = Benchmark(
     name="fake",
-    title="Fake subject",
+    title="Fake benchmark",
     question="?",
     columns=COLUMNS,
     charts=(("time_ms", "error_px"),),
@@ -46,40 +46,40 @@ def quiet(*_: object) -> None:
 
 
 def measured() -> tuple[Results, list[str]]:
-    """Four candidates: two sound, one that raises, one that gives NaN in its third turn; and the
-    turns that were taken.
+    """Four variants: two sound, one that raises, one that gives NaN in its third repetition; and
+    the repetitions that were taken.
     """
-    turns: list[str] = []
+    repetitions: list[str] = []
 
-    def candidate(name: str) -> Candidate:
+    def variant(name: str) -> Variant:
         count = itertools.count()
 
-        def turn() -> dict[str, float]:
-            turns.append(name)
+        def repetition() -> dict[str, float]:
+            repetitions.append(name)
             return {
                 "time_ms": float("nan")
                 if name == "nan" and next(count) == 2
-                else 1.0 + 0.5 * (len(turns) % 2)
+                else 1.0 + 0.5 * (len(repetitions) % 2)
             }
 
         def prepare() -> Prepared:
             if name == "throws":
                 raise ArithmeticError("no root")
-            return {"error_px": Value(3.5)}, turn
+            return {"error_px": Value(3.5)}, repetition
 
-        return Candidate(
-            curve=name, knob="", prepare=prepare, paper=name == "one", used=name == "two"
+        return Variant(
+            curve=name, parameter="", prepare=prepare, paper=name == "one", used=name == "two"
         )
 
     offers: list[Offer] = [
         "colour: the scene is grey",
-        *map(candidate, ("one", "two", "throws", "nan")),
+        *map(variant, ("one", "two", "throws", "nan")),
     ]
-    return run(FAKE, offers, True, quiet), turns
+    return run(FAKE, offers, True, quiet), repetitions
 
 
-def test_failures_are_kept_with_their_reason_and_turns_are_interleaved() -> None:
-    results, turns = measured()
+def test_failures_are_kept_with_their_reason_and_repetitions_are_interleaved() -> None:
+    results, repetitions = measured()
     assert results.failures == {
         "throws": "ArithmeticError: no root",
         "nan": "ValueError: not finite: time_ms",
@@ -90,15 +90,17 @@ def test_failures_are_kept_with_their_reason_and_turns_are_interleaved() -> None
     ]
     assert results.rows[0].value("error_px") == 3.5
     assert results.left_out == ["colour: the scene is grey"]
-    sound = [name for name in turns if name in ("one", "two")]
+    sound = [name for name in repetitions if name in ("one", "two")]
     assert len(sound) == 14 and all(
         {"one", "two"} == set(sound[k : k + 2]) for k in range(0, 14, 2)
     )
 
 
-def test_a_cold_first_turn_does_not_count() -> None:
+def test_the_first_repetition_does_not_count() -> None:
     times_ms = iter([50.0, *[2.0] * 6])
-    one = Candidate(curve="one", knob="", prepare=lambda: ({}, lambda: {"time_ms": next(times_ms)}))
+    one = Variant(
+        curve="one", parameter="", prepare=lambda: ({}, lambda: {"time_ms": next(times_ms)})
+    )
     (taken,) = run(FAKE, [one], True, quiet).rows
     assert taken.values["time_ms"] == Value(2.0, 2.0, 2.0)
 
@@ -193,7 +195,7 @@ def test_report_stands_alone_and_begins_with_verdicts(
     )
     write({"fake": results}, tmp_path)
     assert read(tmp_path) == {"fake": results}, "as they were"
-    monkeypatch.setitem(SUBJECTS, "fake", FAKE)
+    monkeypatch.setitem(BENCHMARKS, "fake", FAKE)
     text = write_report({"fake": results}, tmp_path).read_text()
     first, rest = text.partition("<nav>")[::2]
     assert "two (in use)" in first and "wall time" in first and "&lt;p&gt;" in first

@@ -1,4 +1,4 @@
-"""The simulated world: its answer is right, and every run gives the same bits."""
+"""The simulator: its ground truth is right, and every run gives the same bits."""
 
 from pathlib import Path
 

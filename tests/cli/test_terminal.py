@@ -17,7 +17,6 @@ from tests.support.source import nodes
 PRINTERS = {
     "cli/terminal.py": "here",
     "monitor/monitor.py": "JSON, and tables whose text is made plain",
-    "bench/paper_loop.py": "the trace of a child process, which its parent reads",
 }
 
 

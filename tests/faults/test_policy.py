@@ -98,10 +98,10 @@ broken = made_parts:nan_filter
 @pytest.mark.parametrize(
     ("sets", "words"),
     [
-        (("track.engine=broken",), "engine centre gives faces that cannot be"),
+        (("track.engine=broken",), "engine centre returned an impossible face"),
         (
             ("track.engine=centre", "track.filter=broken"),
-            "the filter gives eyes that are not finite",
+            "the filter returned NaN or infinity",
         ),
     ],
 )

@@ -10,7 +10,7 @@ import pytest
 
 from lfpipe.config import Track
 from lfpipe.render.listeners.motion_latency import MotionLatency
-from lfpipe.track.filters import make_filter
+from lfpipe.track.filters.table import make_filter
 
 MS = 1_000_000
 DEVICE_LATENCY_MS, STEP_PX_S = 60, 200.0

@@ -221,7 +221,7 @@ def test_screen_refresh_begins_late_and_misses_few_blanks(
     for _ in range(6000):
         missed.append(pace.late + pace.missed)
         leads.append(pace.refresh.lead_ns() / MS)
-        pace.hand(*pace.begin(), composed=True)
+        pace.submit(*pace.begin(), composed=True)
     assert (pace.late + pace.missed - missed[3000]) / 3000 <= most
     assert least_ms < np.mean(leads[3000:]) < most_ms
 

@@ -123,9 +123,9 @@ def _changed(root: Path, file: str, before: str, after: str) -> Path:
     ("file", "before", "after", "part", "named"),
     [
         (
-            "track/filters.py",
-            "common: float = 2.2",
-            "common: float = 2.2000001",
+            "track/filters/noise.py",
+            "MIDPOINT_NOISE = 2.2",
+            "MIDPOINT_NOISE = 2.2000001",
             "eyes",
             "the filter or its constants",
         ),

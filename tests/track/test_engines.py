@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from lfpipe.config import Track
-from lfpipe.track.detector import SAME, overlap, suppressed
+from lfpipe.track.detector import SAME_OVERLAP, overlap, suppressed
 from lfpipe.track.engine import Engine, Face
 from lfpipe.track.litert_engine import LitertEngine
 from lfpipe.track.make_engine import make_engine
@@ -173,7 +173,7 @@ def test_overlap_is_intersection_over_union() -> None:
     assert overlap(others[3], others[3]) == 0  # no area, no overlap, no division by zero
     here = (100.0, 100.0, 200.0, 200.0)
     faces = (130.0, 110.0, 230.0, 210.0), (180.0, 100.0, 280.0, 200.0), (140.0, 140.0, 160.0, 160.0)
-    assert [overlap(here, face) > SAME for face in faces] == [
+    assert [overlap(here, face) > SAME_OVERLAP for face in faces] == [
         True,
         False,
         False,

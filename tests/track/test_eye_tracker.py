@@ -84,7 +84,7 @@ def test_eye_tracker_names_an_engine_without_a_usable_face_until_it_gives_one() 
     tracker.update(None, 0)
     assert tracker.fault == "", "nobody is there"
     tracker.update(attrs.evolve(FACE, eyes_px=np.full((2, 2), math.nan)), 10**8)
-    assert tracker.fault == "engine made gives faces that cannot be" and not tracker.seen
+    assert tracker.fault == "engine made returned an impossible face" and not tracker.seen
     tracker.update(None, 2 * 10**8)
     assert tracker.fault, "nobody there proves nothing"
     tracker.update(FACE, 3 * 10**8)
@@ -96,8 +96,8 @@ def test_eye_tracker_names_a_filter_that_returns_nan_and_its_eyes_are_no_face(
 ) -> None:
     tracker = EyeTracker(Track(), engine=ENGINE)
     no_eyes = np.full((2, 2), math.nan), np.zeros((2, 2))
-    made = SimpleNamespace(update=lambda *_: no_eyes, reset=lambda: None)
+    made = SimpleNamespace(update=lambda *_: no_eyes, reset=lambda: None, restarts_after_loss=False)
     monkeypatch.setattr(tracker, "_filter", made)
     tracker.update(FACE, 10**8)
-    assert tracker.fault == "the filter gives eyes that are not finite" and not tracker.seen
+    assert tracker.fault == "the filter returned NaN or infinity" and not tracker.seen
     assert not record_of(tracker)["face"]

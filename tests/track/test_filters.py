@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Callable
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,30 +15,28 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from lfpipe.config import Track
-from lfpipe.track.filters import ImmFilter, Tuning, make_filter
-from lfpipe.track.smoothing import (
-    LIMIT_PX,
-    MAX_STEP_NS,
-    MIN_STEP_NS,
-    Covariance,
-    EyeFilter,
-    Mean,
-    OneEuro,
-    weight,
-)
+from lfpipe.config import FILTER_MODULES, Track
+from lfpipe.eyes import MAX_EYE_PX, low_pass_gain
+from lfpipe.track import filters
+from lfpipe.track.filters import models, noise
+from lfpipe.track.filters.base import MAX_STEP_NS, MIN_STEP_NS, EyeFilter
+from lfpipe.track.filters.imm import ImmFilter
+from lfpipe.track.filters.kalman import Covariance
+from lfpipe.track.filters.mean import Mean
+from lfpipe.track.filters.one_euro import OneEuro
+from lfpipe.track.filters.table import make_filter
 
 FRAME_NS = 33_333_333
 EYES = np.array([[350.0, 240.0], [290.0, 242.0]])
-KINDS = ("predictive", "one-euro", "kalman", "mean")
-SMOOTHING = ("one-euro", "mean")  # within what was measured, no prediction
+KINDS = tuple(FILTER_MODULES)
+PREDICTING = tuple(kind for kind in KINDS if make_filter(Track(filter=kind)).predicts)
 
 pixels = st.floats(-1e6, 1e6)
 steps = st.one_of(st.integers(-(10**18), 10**18), st.integers(1, 10**9))
 
 
 def make(kind: str) -> EyeFilter:
-    return make_filter(Track(filter=kind))  # type: ignore[arg-type]
+    return make_filter(Track(filter=kind))
 
 
 def settled(kind: str, frames: int = 40, start_ns: int = 0) -> EyeFilter:
@@ -47,12 +46,12 @@ def settled(kind: str, frames: int = 40, start_ns: int = 0) -> EyeFilter:
     return filter_
 
 
-Path = Callable[[float], Any]
+Motion = Callable[[float], Any]
 
 
 def predicted(
     filter_: EyeFilter,
-    moved: Path,
+    moved: Motion,
     frames: range,
     *ahead_s: float,
     rate_hz: float = 30,
@@ -71,7 +70,7 @@ def predicted(
     return np.array(found)
 
 
-def sideways(x_px: Callable[[float], float]) -> Path:
+def sideways(x_px: Callable[[float], float]) -> Motion:
     return lambda t_s: np.array((x_px(t_s), 0.0))
 
 
@@ -79,7 +78,17 @@ def swaying(size_px: float, hz: float) -> Callable[[float], float]:
     return lambda t_s: size_px * math.sin(2 * math.pi * hz * t_s)
 
 
-@pytest.mark.parametrize("kind", ["kalman", "predictive"])
+def test_every_filter_module_is_a_row_of_the_table() -> None:
+    found = {
+        path.stem
+        for path in Path(filters.__path__[0]).glob("*.py")
+        if "\ndef make(track: Track" in path.read_text()
+    }
+    assert set(FILTER_MODULES.values()) == found
+    assert all(isinstance(make(kind), EyeFilter) for kind in KINDS)
+
+
+@pytest.mark.parametrize("kind", PREDICTING)
 @pytest.mark.parametrize("velocity_px_s", [60.0, -200.0, 450.0])
 def test_prediction_of_an_even_motion_is_where_it_goes(kind: str, velocity_px_s: float) -> None:
     """Without noise, 80 ms ahead: within a tenth of what the eyes move in that time."""
@@ -110,7 +119,7 @@ def test_whatever_comes_the_output_is_finite_and_bounded(
         assert np.all(np.abs(position) < 1e8)
         assert np.all(np.isfinite(velocity))
         assert np.all(np.isfinite(filter_.predict(t_ns + FRAME_NS)))
-        if kind in SMOOTHING:
+        if kind not in PREDICTING:  # it only smooths
             slack = 1e-9 * (1 + np.abs(seen).max())  # a mean of equal numbers may round
             assert np.all(position >= np.min(seen, axis=0) - slack) and np.all(
                 position <= np.max(seen, axis=0) + slack
@@ -194,19 +203,17 @@ def test_no_drift_over_any_number_of_updates(kind: str) -> None:
         if _state(filter_) == before:
             period = i
             break
-    assert period is not None
+    assert period is not None, "the state does not come back"
     np.testing.assert_allclose(filter_.predict(20_040 * FRAME_NS), EYES, rtol=1e-14)
 
 
 def _state(filter_: object) -> str:
-    """Everything a filter holds but its last stamp."""
-    values = {
-        key: value for key, value in vars(filter_).items() if key not in ("_t_ns", "_used_ns")
-    }
+    """Everything a filter and its parts hold but stamps."""
     return repr(
         {
-            k: _state(v) if hasattr(v, "update") and hasattr(v, "predict") else repr(v)
-            for k, v in values.items()
+            key: _state(value) if hasattr(value, "__dict__") else repr(value)
+            for key, value in vars(filter_).items()
+            if key not in ("_t_ns", "_used_ns", "_predictions")
         }
     )
 
@@ -388,7 +395,7 @@ def test_a_mean_is_that_of_the_last_k(track: list[tuple[int, tuple[float, ...]]]
 
 def test_the_limits_of_a_measurement_are_where_they_are_said_to_be() -> None:
     eyes = np.array([[350.0, 240.0], [290.0, 240.0]])
-    for where in (LIMIT_PX, -LIMIT_PX):
+    for where in (MAX_EYE_PX, -MAX_EYE_PX):
         filter_ = Mean(1)
         filter_.update(0, eyes)
         assert filter_.update(10**7, eyes * 0 + where)[0][0, 0] == where
@@ -403,9 +410,9 @@ def test_the_limits_of_a_measurement_are_where_they_are_said_to_be() -> None:
     filter_.update(0, eyes)
     assert np.array_equal(filter_.update(MAX_STEP_NS, eyes + 2)[0], eyes + 2), "a new beginning"
     assert (
-        weight(1.0, 0.5) == pytest.approx(math.pi / (1 + math.pi))
-        and weight(math.inf, 1.0) == 1.0
-        and weight(0.0, 1.0) == 0.0
+        low_pass_gain(0.5, 0.5) == 0.5
+        and low_pass_gain(1.0, 0.0) == 1.0
+        and low_pass_gain(0.0, 1.0) == 0.0
     )
 
 
@@ -432,35 +439,41 @@ def test_the_stiff_grid_keeps_its_digits() -> None:
     for q, r, dt_s in itertools.product(NOISES, NOISES, STEPS_S):
         p = Covariance(*START, START[0] * START[2])
         for _ in range(8):
-            p, _, _ = p.ahead(dt_s, q).measured(r)
+            p, _, _ = p.predicted(dt_s, q).updated(r)
             assert p.det >= 0
         for value, truth in zip((p.a, p.b, p.c), exact(q, r, dt_s, 8), strict=True):
             worst = max(worst, abs(float((Fraction(value) - truth) / truth)))
     assert worst < 1e-13
 
 
-def test_the_default_filter_keeps_its_digits_and_stays_positive() -> None:
+def test_the_default_filter_keeps_its_digits_and_stays_positive(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """One of its models, over and far beyond its settings: acceleration, noise in eye distances,
     time between frames.
     """
     eyes = np.array([[350.0, 240.0], [290.0, 242.0]])
     q_px = math.dist(*eyes.tolist()) ** 2
-    for q, noise, dt_ns in itertools.product(
+    monkeypatch.setattr(models, "STAY_S", 1e300)
+    monkeypatch.setattr(noise, "RATE_POWER", 0.0)
+    for q, deviation, dt_ns in itertools.product(
         (1e-6, 1.0, 1200.0, 1e9), (1e-6, 1e-3, 1.0), (200_000, 4_166_667, 400_000_000)
     ):
-        tuning = Tuning(accelerations=(q,), stay_s=1e300, rate_common=0.0, first=noise, least=noise)
-        filter_ = ImmFilter(tuning)
+        monkeypatch.setattr(models, "ACCELERATIONS", (q,))
+        monkeypatch.setattr(noise, "FIRST_NOISE", deviation)
+        monkeypatch.setattr(noise, "MIN_NOISE", deviation)
+        filter_ = ImmFilter()
         filter_.update(0, eyes)
-        one = filter_._models[1]
+        one = filter_._models.models[1]
         start = (one.a, one.b, one.c)
-        r = filter_._noise * tuning.common**2
+        r = filter_._noise.midpoint_variance
         for k in range(1, 8):
             filter_.update(k * dt_ns, eyes)
             assert one.a > 0 and one.c >= 0 and one.b**2 <= one.a * one.c * (1 + 1e-9)
         for value, truth in zip(
             (one.a, one.b, one.c), exact(q * q_px, r, dt_ns / 1e9, 7, start), strict=True
         ):
-            assert abs(float(Fraction(value) / truth - 1)) < 1e-3, (q, noise, dt_ns)
+            assert abs(float(Fraction(value) / truth - 1)) < 1e-3, (q, deviation, dt_ns)
 
 
 @given(
@@ -476,7 +489,7 @@ def test_any_mix_of_steps_stays_positive_semi_definite(
 ) -> None:
     p = Covariance(1.0, 0.0, 1e6, 1e6)
     for dt_s, q, r in steps:
-        p, k0, k1 = p.ahead(dt_s, q).measured(r)
+        p, k0, k1 = p.predicted(dt_s, q).updated(r)
         assert p.a >= 0 and p.b >= 0 and p.c >= 0
         assert p.b * p.b <= p.a * p.c * (1 + 1e-9)
         assert 0 <= k0 <= 1 and k1 >= 0

@@ -16,6 +16,7 @@ from lfpipe.cli.launch import with_engine
 from lfpipe.config import Config, Track
 from lfpipe.errors import UserError
 from lfpipe.track import models
+from lfpipe.track.face_networks import LitertNetworks
 from lfpipe.track.litert_engine import LitertEngine
 
 
@@ -72,7 +73,7 @@ def test_networks_of_a_wheel_run_without_the_package(bare: Path, wheel: Path) ->
     assert models.install_models(wheel) == bare
     assert not models.missing_models()
     assert str(bare) in str(models.find_model("modules/iris_landmark/iris_landmark.tflite"))
-    assert "mediapipe 0.10.21" in LitertEngine(refine=True).model
+    assert "mediapipe 0.10.21" in LitertEngine(LitertNetworks(refine=True)).model
     done = CliRunner().invoke(cli, ["models", "get", "--from", str(wheel)])
     assert [line.split()[0] for line in done.stdout.splitlines()] == [
         sha256[:8] for sha256 in models.SHA256.values()

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from lfpipe.track.face_networks import LitertNetworks
 from lfpipe.track.litert_engine import LitertEngine
 from tests.track.people import (
     FACES,
@@ -305,7 +306,7 @@ def painted(
         cv2.ellipse(picture, (x + aside_px, y), axes, turn, 0, 360, colour, -1)
     faces = [
         [engine.detect(picture) for _ in range(3)][-1]
-        for engine in (LitertEngine(), LitertEngine(refine=True))
+        for engine in (LitertEngine(), LitertEngine(LitertNetworks(refine=True)))
     ]
     return [
         float(np.abs(face.eyes_px.mean(axis=0) - (300, 220)).max())

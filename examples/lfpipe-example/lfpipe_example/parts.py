@@ -9,7 +9,7 @@ from lfpipe.config import Track
 from lfpipe.render.display.display import Display
 from lfpipe.render.synthesis.pair_layout import Pair
 from lfpipe.track.engine import Face
-from lfpipe.track.smoothing import EyeFilter, Points
+from lfpipe.track.filters.base import EyeFilter, Points
 
 
 class CentreEngine:

@@ -1,4 +1,4 @@
-"""A world with a known answer: scenes drawn exactly from any viewpoint, viewers whose eyes are
+"""A simulator with ground truth: scenes drawn exactly from any viewpoint, viewers whose eyes are
 known at every instant, a camera and a screen. Time is simulated: every run gives the same bits.
 
 The product's own code runs in it, from the landmarks on: the choice of the face, `EyeTracker`, the

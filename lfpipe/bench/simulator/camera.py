@@ -2,8 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import attrs
 import numpy as np
@@ -11,16 +10,15 @@ from numpy.typing import NDArray
 
 from lfpipe.bench.simulator.scripts import FRAME_PX, Script
 from lfpipe.track.detector import Box, Detection, overlap
-from lfpipe.track.engine import Face
+from lfpipe.track.engine import Engine, Face
 from lfpipe.track.litert_engine import LitertEngine
-from lfpipe.track.liveness import Liveness
 from lfpipe.track.network import Roi
 from lfpipe.transport.clock import MS_NS
 
 NOISE_PX = 0.3  # of live faces at 640x480, whose eyes are 60 px apart: 0.22 to 0.34 px measured
 TRACKED_MS = 10.0  # from a frame's stamp to its eyes, with a read and the networks between
-T0_NS = 10**12  # the world's beginning
-# A face at the border of the picture is measured wrongly at first, in distances between the eyes:
+T0_NS = 10**12  # when the simulation begins
+# A face at the border of the picture is measured wrongly at first, in eye distances:
 # the detector's region is cut off, that of its landmarks is not.
 CUT_OFF = 0.27
 DOUBT = 26.0  # logits of confidence per share of a face that the picture cuts off
@@ -83,8 +81,11 @@ class Frame:
     tracked_ns: int
 
 
-class WorldEngine(LitertEngine, ABC):
-    """The engine in use in front of a simulated camera."""
+class Observer(ABC):
+    """Whom the simulated camera sees, and the face engine that looks at its pictures."""
+
+    def __init__(self, engine: Engine) -> None:
+        self.engine = engine
 
     @abstractmethod
     def picture(self, frame: Frame) -> NDArray[np.uint8]:
@@ -93,8 +94,8 @@ class WorldEngine(LitertEngine, ABC):
     def look(self, frame: Frame) -> tuple[Face | None, NDArray[np.uint8]]:
         """The face that the engine follows in a frame, and the picture."""
         picture = self.picture(frame)
-        face = self.detect(picture)
-        self.examine(picture)
+        face = self.engine.detect(picture)
+        self.engine.examine(picture)
         return face, picture
 
 
@@ -105,27 +106,19 @@ class Seen(NamedTuple):
     cut_off: bool
 
 
-class SyntheticEngine(WorldEngine):
-    """Made faces in place of its three networks."""
+class SyntheticNetworks:
+    """Networks that see the people of a script, with noise, in place of those of a face engine."""
+
+    model = "synthetic"
 
     def __init__(self, script: Script, camera: Camera) -> None:
         self._script = script
         frames = int(script.count_ms / 1e3 * camera.rate_hz) + 1
         size = frames, len(script.people), 2, 2
         self._noise = np.random.default_rng(30).normal(0.0, camera.noise_px, size)
-        self._seen: list[Seen] = []
-        self._near = self._far = SimpleNamespace(detect=self._found)  # type: ignore[assignment]
-        self._irises = None
-        self._liveness = Liveness()
-        self.rotated_deg = 0
-        self._size = IMAGE.shape[:2]
         self._own: Roi | None = None  # the region that the last landmarks gave
-        self.reset()
-
-    def picture(self, frame: Frame) -> NDArray[np.uint8]:
-        """An empty picture: its faces replace what the networks would find."""
-        self._seen = self.seen(frame)
-        return IMAGE
+        self.visible: list[Seen] = []
+        """All faces of the present frame."""
 
     def seen(self, frame: Frame) -> list[Seen]:
         """All faces of a frame."""
@@ -151,21 +144,21 @@ class SyntheticEngine(WorldEngine):
             seen.append(Seen(Face(eyes, 1 / (1 + math.exp(-logit)), box, eye_distance), share < 1))
         return seen
 
-    def _found(self, image: object, region: Roi | None = None) -> list[Detection]:
-        """See Detector.detect: a whole picture shows every face, a region none."""
+    def detect(self, image: object, region: Roi | None = None) -> list[Detection]:
+        """A whole picture shows every face, a region none."""
         return [
             Detection(one.face.box_px, np.concatenate([one.face.eyes_px[::-1]] * 3), 0.9)
-            for one in (self._seen if region is None else ())
+            for one in (self.visible if region is None else ())
         ]
 
-    def _measure(self, image: object, roi: Roi, least: float) -> tuple[Face, Roi] | None:
+    def measure(self, image: object, roi: Roi, min_confidence: float) -> tuple[Face, Roi] | None:
         half = roi.side_px / 2
         square = (roi.x_px - half, roi.y_px - half, roi.x_px + half, roi.y_px + half)
-        here = [one for one in self._seen if overlap(one.face.box_px, square) > 0.1]
+        here = [one for one in self.visible if overlap(one.face.box_px, square) > 0.1]
         if not here or _is_turned(roi):
             return None
         face, cut_off = max(here, key=lambda one: overlap(one.face.box_px, square))
-        if face.confidence < least:
+        if face.confidence < min_confidence:
             return None
         if cut_off and roi is not self._own:
             wrong = np.array((0.0, CUT_OFF * face.eye_distance_px))
@@ -174,8 +167,23 @@ class SyntheticEngine(WorldEngine):
         self._own = Roi((x0 + x1) / 2, (y0 + y1) / 2, 1.5 * (y1 - y0), 0.0)
         return face, self._own
 
-    def _run(self, image: object, roi: Roi) -> Any:
-        return None, None, -TURNED if _is_turned(roi) else 0.0
+    detect_far = detect
+
+    def logit(self, image: object, roi: Roi) -> float:
+        return -TURNED if _is_turned(roi) else 0.0
+
+
+class SyntheticPeople(Observer):
+    """The people of a script before the engine in use, with synthetic networks."""
+
+    def __init__(self, script: Script, camera: Camera) -> None:
+        self.networks = SyntheticNetworks(script, camera)
+        super().__init__(LitertEngine(self.networks))
+
+    def picture(self, frame: Frame) -> NDArray[np.uint8]:
+        """An empty picture: its faces replace what the networks would find."""
+        self.networks.visible = self.networks.seen(frame)
+        return IMAGE
 
 
 def _is_turned(roi: Roi) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.glasses import GLASS, RED_CYAN, lightness
-from lfpipe.bench.results import MetricsPage, rms
+from lfpipe.bench.results import Metrics, rms
 from lfpipe.bench.simulator.run import Run, Setup, Truth
 from lfpipe.bench.simulator.screen import Screen
 from lfpipe.bench.simulator.scripts import Script
@@ -29,7 +29,7 @@ Float = NDArray[np.float64]
 DECODED = decoded(np.arange(256) / 255.0)  # linear light of code values
 
 
-def viewpoint_metrics(run: Run, truth: Truth, script: Script) -> MetricsPage:
+def viewpoint_metrics(run: Run, truth: Truth, script: Script) -> Metrics:
     """error_views (mean over the windows; p95, worst), step_cols and step_rows (largest step that
     is not in the true motion), right_s (longest time from an event until the picture is right),
     depth (share of time with full depth), lag_ms.
@@ -151,9 +151,9 @@ class Pictures:
         return Errors(np.array(levels), np.array(seen), float(np.median(spent_ms)))
 
 
-def picture_metrics(errors: Errors) -> MetricsPage:
+def picture_metrics(errors: Errors) -> Metrics:
     """Mean, p95 and worst, in levels, L* and dB."""
-    metrics: MetricsPage = {}
+    metrics: Metrics = {}
     for name, db_name, values, peak in (
         ("levels", "db", errors.levels, 255.0),
         ("seen", "seen_db", errors.seen, 100.0),
@@ -190,8 +190,8 @@ def _rms(a: NDArray[Any], b: NDArray[Any]) -> float:
 
 
 def evenness(run: Run, screen: Screen, video_hz: float) -> float:
-    """Share of blanks at which a video of this rate shows another frame than planned: at each
-    blank the frame whose time it is.
+    """Share of vblanks at which a video of this rate shows another frame than planned: at each
+    vblank the frame whose time it is.
     """
     settled = len(run.ms) // 2
     targets_ns = run.targets_ns[settled:]

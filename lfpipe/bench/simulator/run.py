@@ -8,8 +8,15 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.bench.simulator.camera import IMAGE, T0_NS, Camera, SyntheticEngine, WorldEngine
-from lfpipe.bench.simulator.scene import SCENES, WorldScene, scene_of
+from lfpipe.bench.simulator.camera import (
+    IMAGE,
+    T0_NS,
+    Camera,
+    Observer,
+    SyntheticNetworks,
+    SyntheticPeople,
+)
+from lfpipe.bench.simulator.scene import SCENES, SimulatedScene, scene_of
 from lfpipe.bench.simulator.screen import PacedScreen, Screen
 from lfpipe.bench.simulator.scripts import Script, Window
 from lfpipe.config import Config, Render, Track
@@ -24,17 +31,15 @@ from lfpipe.transport.clock import MS_NS
 from lfpipe.transport.ring import Stamp
 
 MEAN_OF = 5  # frames, of the plain loop
-EYE_DISTANCES_PX = np.arange(
-    5.0, 301.0
-)  # distances between the eyes at which the right alpha is tabled
+EYE_DISTANCES_PX = np.arange(5.0, 301.0)  # at which the right alpha is tabled
 Float = NDArray[np.float64]
 
 
 @attrs.frozen(kw_only=True)
 class Setup:
-    """What stands before a viewer, and what follows them."""
+    """The scene, the camera, the screen and the settings of a simulation."""
 
-    scene: WorldScene = attrs.field(factory=lambda: scene_of(SCENES[0]))
+    scene: SimulatedScene = attrs.field(factory=lambda: scene_of(SCENES[0]))
     camera: Camera = attrs.Factory(Camera)
     screen: Screen = attrs.Factory(Screen)
     track: Track | None = attrs.Factory(Track)
@@ -55,32 +60,32 @@ class Setup:
         """What is on the screen for a script."""
         if self.track is None:
             return plain_loop(self, script)
-        return watch(self, SyntheticEngine(script, self.camera), script.count_ms / 1e3)
+        return watch(self, SyntheticPeople(script, self.camera), script.count_ms / 1e3)
 
 
 @attrs.frozen(eq=False, kw_only=True)
 class Run:
-    """What was on the screen: an entry per refresh of the screen, at the middle of its light."""
+    """What was on the screen: an entry per refresh, at the middle of its display time."""
 
     ms: Float
-    """(n,) of the light, since the beginning."""
+    """(n,) of the display time, since the beginning."""
     views: Float
     """(n, 2, 2): (row, col) of the left eye and of the right one."""
     keys: list[Key]
     targets_ns: list[int]
-    """The blanks that the pictures were made for."""
+    """The vblanks that the pictures were made for."""
     cpu_ms: Float
     """Thread CPU of each choice of eyes, moment and viewpoint."""
     late: float = 0.0
-    """Share of pictures that missed their blank."""
+    """Share of pictures that missed their vblank."""
 
     def key_at(self, ms: float) -> Key:
-        """The key of the picture whose light is seen at ms."""
+        """The key of the picture that is seen at ms."""
         return self.keys[max(int(np.searchsorted(self.ms, ms, side="right")) - 1, 0)]
 
 
 class Shown(NamedTuple):
-    """A picture that was handed over for a blank, due at a time."""
+    """A picture that was submitted for a vblank, due at a time."""
 
     vblank: int
     due_ns: int
@@ -88,13 +93,13 @@ class Shown(NamedTuple):
     key: Key
 
 
-def watch(setup: Setup, engine: WorldEngine, seconds: float) -> Run:
-    """The product's pictures for what an engine sees."""
+def watch(setup: Setup, observer: Observer, seconds: float) -> Run:
+    """The product's pictures for what an observer sees."""
     screen = setup.screen
     config = setup.config
     device_latency_ns = round(screen.device_latency_ms * MS_NS)
     tracker = EyeTracker(
-        config.track, device_latency_s=screen.device_latency_ms / 1e3, engine=engine
+        config.track, device_latency_s=screen.device_latency_ms / 1e3, engine=observer.engine
     )
     viewer = Viewer(setup.scene.field, config)
     source = EyesSource()
@@ -110,7 +115,7 @@ def watch(setup: Setup, engine: WorldEngine, seconds: float) -> Run:
             break
         while upcoming and upcoming[0].tracked_ns <= begun_ns:
             frame = upcoming.popleft()
-            face, picture = engine.look(frame)
+            face, picture = observer.look(frame)
             tracker.update(face, frame.stamp_ns)
             tracker.write(record, picture)
             stamps = frame.stamp_ns, frame.stamp_ns, frame.tracked_ns
@@ -122,7 +127,7 @@ def watch(setup: Setup, engine: WorldEngine, seconds: float) -> Run:
         choice = choose(viewer, source.at(begun_ns), display_time)
         choices.append((time.thread_time_ns() - started_ns) / 1e6)
         composed = not shown or choice.key != shown[-1].key
-        vblank = clock.hand(begun_ns, due_ns, composed)
+        vblank = clock.submit(begun_ns, due_ns, composed)
         views = np.array((choice.viewpoints.left, choice.viewpoints.right))
         shown.append(Shown(vblank, due_ns, views, choice.key))
     late = (clock.late + clock.missed) / len(shown)
@@ -133,14 +138,14 @@ def plain_loop(setup: Setup, script: Script) -> Run:
     """The paper's loop: the mean of 5 frames, a picture for each frame, the nearest views."""
     scene = setup.scene
     screen = setup.screen
-    engine = SyntheticEngine(script, setup.camera)
+    networks = SyntheticNetworks(script, setup.camera)
     recent: deque[Float] = deque(maxlen=MEAN_OF)
     shown: list[Shown] = []
     grid = scene.rows, scene.cols
     rest = script.windows[0].rest
     alpha_px = Truth(setup, script).alpha_px(rest.eye_distance_px)
     for frame in setup.camera.frames(script.count_ms / 1e3):
-        if faces := [one.face for one in engine.seen(frame)]:
+        if faces := [one.face for one in networks.seen(frame)]:
             recent.append(max(faces, key=lambda face: face.eye_distance_px).eyes_px)
         if not recent:
             continue
@@ -154,7 +159,7 @@ def plain_loop(setup: Setup, script: Script) -> Run:
 
 
 def _on_screen(shown: list[Shown], screen: Screen, cpu_ms: Float, late: float = 0.0) -> Run:
-    """What stands on the screen at every blank: the newest picture handed over for it or before."""
+    """What is on the screen at every vblank: the newest picture submitted for it or before."""
     at = np.array([one.vblank for one in shown])
     vblanks = np.arange(at[0], at[-1] + 1)
     newest = np.searchsorted(at, vblanks, side="right") - 1

@@ -23,7 +23,7 @@ Colour = tuple[int, int, int]
 
 
 @attrs.frozen(eq=False, kw_only=True)
-class WorldScene:
+class SimulatedScene:
     """A scene whose picture from any viewpoint is known."""
 
     name: str
@@ -143,15 +143,15 @@ def _plain() -> tuple[Solid, ...]:
 
 
 @lru_cache(maxsize=3)
-def scene_of(name: str) -> WorldScene:
+def scene_of(name: str) -> SimulatedScene:
     """One of SCENES."""
     if name == "wide baseline":
-        return WorldScene(name=name, solids=_wide(), rows=3, cols=5, zero_px=6.0, alpha_px=60.0)
+        return SimulatedScene(name=name, solids=_wide(), rows=3, cols=5, zero_px=6.0, alpha_px=60.0)
     if name == "little texture":
-        return WorldScene(name=name, solids=_plain(), rows=5, cols=5, zero_px=0.0)
+        return SimulatedScene(name=name, solids=_plain(), rows=5, cols=5, zero_px=0.0)
     share = SIDE_PX / SIZE_PX
     solids = tuple(scaled(solid, share) for solid in solids_of(NAME))
-    return WorldScene(name=name, solids=solids, rows=9, cols=9, zero_px=0.7)
+    return SimulatedScene(name=name, solids=solids, rows=9, cols=9, zero_px=0.7)
 
 
 SCENES = ("demo", "wide baseline", "little texture")

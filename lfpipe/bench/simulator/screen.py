@@ -1,4 +1,4 @@
-"""The simulated screen: blanks at an even rate, which the product's own clock finds and meets."""
+"""The simulated screen: vblanks at an even rate, which the product's own clock finds and meets."""
 
 import math
 
@@ -24,7 +24,7 @@ class Screen:
     slow: float = 0.0
     """Share of late wake-ups."""
     deadline_ms: float = 3.0
-    """A picture appears at a blank if it is handed over this long before it."""
+    """A picture appears at a vblank if it is submitted this long before it."""
     cost_ms: float = 1.5
     """CPU time of a picture: warp2 at 512x512."""
 
@@ -33,13 +33,13 @@ class Screen:
         return 1e9 / self.rate_hz
 
     def vblank_ns(self, vblank: int) -> int:
-        """The time of a blank, counted from the beginning."""
+        """The time of a vblank, counted from the beginning."""
         return round(T0_NS + vblank * self.period_ns)
 
 
 class PacedScreen:
     """Runs `ScreenRefresh` against a screen: `begin` returns when a picture is begun, and `hand`
-    at which blank it appears.
+    at which vblank it appears.
     """
 
     def __init__(self, screen: Screen) -> None:
@@ -52,7 +52,7 @@ class PacedScreen:
         self.missed = 0
 
     def begin(self) -> tuple[int, int]:
-        """(when the next picture is begun, the blank's time that it is due at), ns."""
+        """(when the next picture is begun, the vblank's time that it is due at), ns."""
         refresh = self.refresh
         random = self._random
         due_ns = refresh.due_ns()
@@ -62,8 +62,8 @@ class PacedScreen:
         self._cost_ms = self._screen.cost_ms * random.lognormal(0, COST_SPREAD)
         return round(begin_ns + late_ms * MS_NS), due_ns
 
-    def hand(self, begun_ns: int, due_ns: int, composed: bool) -> int:
-        """Hands the picture over; returns the blank that shows it, counted from the beginning."""
+    def submit(self, begun_ns: int, due_ns: int, composed: bool) -> int:
+        """Submits the picture; returns the vblank that shows it, counted from the beginning."""
         refresh = self.refresh
         screen = self._screen
         cost_ns = round(self._cost_ms * MS_NS) * composed

@@ -48,7 +48,7 @@ class Person:
 
 @attrs.frozen(kw_only=True)
 class Window:
-    """A time in which the right picture is known: the eyes of a person, from this rest."""
+    """Interval with a known correct picture: the eyes of a person, from this rest position."""
 
     from_s: float
     to_s: float

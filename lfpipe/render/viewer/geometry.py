@@ -18,6 +18,7 @@ import attrs
 
 from lfpipe.config import Config
 from lfpipe.config.camera_pose import camera_focal_px
+from lfpipe.eyes import MIN_EYE_DISTANCE_PX
 from lfpipe.render.synthesis.zero_plane import zero_plane_px
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.source import Geometry
@@ -31,7 +32,6 @@ FUSED_RAD = math.radians(1.0)
 FUSED_WIDTH = 0.03
 DEFAULT_VIEWS = 4.0  # between the eyes, if the disparities are unknown
 MIN_VIEWS = 1e-3  # so that alpha stays finite
-MIN_EYES_PX = 0.5  # eyes closer together than this are not a face's
 
 
 @attrs.frozen(kw_only=True)
@@ -100,7 +100,11 @@ def parallax(
     screen = config.screen
     eyes_mm = screen.eyes_mm
     focal_px = camera_focal_px(config, frame_width_px)
-    seen_px = eyes_px if eyes_px is not None and MIN_EYES_PX <= eyes_px <= frame_width_px else None
+    seen_px = (
+        eyes_px
+        if eyes_px is not None and MIN_EYE_DISTANCE_PX <= eyes_px <= frame_width_px
+        else None
+    )
     if screen.distance_mm != "auto":
         distance_mm = float(screen.distance_mm)
         why = "configured"

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Config
 from lfpipe.config.camera_pose import camera_focal_px
-from lfpipe.eyes import Eyes, EyesRecord
+from lfpipe.eyes import Eyes, EyesRecord, low_pass_gain
 from lfpipe.render.display.overlay import Pointer
 from lfpipe.render.viewer.geometry import SEAT_MM
-from lfpipe.render.viewer.viewer import Viewer, low_pass_share
+from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.ring import Stamp
 from lfpipe.transport.ring_io import RingOutput
@@ -102,7 +102,7 @@ class MouseLook:
         if self._eased_px is None:
             self._eased_px = (start_px, start_px)
             self._t_ns = t_ns
-        share = low_pass_share(max(t_ns - self._t_ns, 0) / 1e9, EASE_S)
+        share = low_pass_gain(max(t_ns - self._t_ns, 0) / 1e9, EASE_S)
         self._t_ns = t_ns
         once_px = self._eased_px[0] + (target_px - self._eased_px[0]) * share
         middle_px = self._eased_px[1] + (once_px - self._eased_px[1]) * share

@@ -10,10 +10,19 @@ import numpy as np
 
 from lfpipe.config import Config
 from lfpipe.config.camera_pose import CameraPose
-from lfpipe.eyes import MAX_PREDICTION_S, Eyes, EyesRecord, middle_of
+from lfpipe.eyes import (
+    MAX_EYE_PX,
+    MAX_PREDICTION_S,
+    MIN_EYE_DISTANCE_PX,
+    Eyes,
+    EyesRecord,
+    is_plausible_px,
+    low_pass_gain,
+    middle_of,
+)
 from lfpipe.render.synthesis.compositor import Compositor
 from lfpipe.render.synthesis.viewpoint import Place, Position, ViewSolver
-from lfpipe.render.viewer.geometry import MIN_EYES_PX, Parallax, alpha_is_automatic, parallax
+from lfpipe.render.viewer.geometry import Parallax, alpha_is_automatic, parallax
 from lfpipe.render.viewer.presence import (
     ABSENT_S,
     Presence,
@@ -25,7 +34,6 @@ from lfpipe.render.viewer.presence import (
 from lfpipe.scene.lightfield import LightField
 from lfpipe.transport.clock import SECOND_NS
 
-FAR_PX = 1e6  # outside the picture's corner; no eye is further out
 # Time constants by which alpha follows the viewer's distance, seen as the distance between the
 # eyes: quickly to another distance, so that depth never stays beyond comfort; slowly where the
 # difference is the noise of a measurement.
@@ -263,22 +271,21 @@ class Viewer:
         return now[0] - before[0], now[1] - before[1], now[2] - before[2]
 
     def _follow_distance(self, record: EyesRecord, eyes_px: Eyes, dt_s: float) -> None:
-        """Ignores a distance that no face has: an average would never forget it."""
+        """Rejects impossible eye distances, which would persist in the running average."""
         eye_distance_px = record.eye_distance_px
-        if (
-            not MIN_EYES_PX <= eye_distance_px <= FAR_PX
-        ):  # not known: between the eyes in the picture
-            eye_distance_px = max(math.dist(eyes_px[:2], eyes_px[2:]), MIN_EYES_PX)
+        # not known: that in the picture
+        if not MIN_EYE_DISTANCE_PX <= eye_distance_px <= MAX_EYE_PX:
+            eye_distance_px = max(math.dist(eyes_px[:2], eyes_px[2:]), MIN_EYE_DISTANCE_PX)
         if not self._seen:
             self._eye_distance_px = eye_distance_px
         if not self._seen or record.generation != self._generation:
             self._near_px = eye_distance_px
             self._generation = record.generation
         still = abs(eye_distance_px - self._eye_distance_px) < STILL * self._eye_distance_px
-        self._eye_distance_px += (eye_distance_px - self._eye_distance_px) * low_pass_share(
+        self._eye_distance_px += (eye_distance_px - self._eye_distance_px) * low_pass_gain(
             dt_s, STILL_S if still else DISTANCE_S
         )
-        self._near_px += (eye_distance_px - self._near_px) * low_pass_share(dt_s, POSE_S)
+        self._near_px += (eye_distance_px - self._near_px) * low_pass_gain(dt_s, POSE_S)
 
     def _follow_presence(
         self, generation: int, t_sensor_ns: int, solver: ViewSolver, eyes_px: Eyes | None
@@ -352,9 +359,7 @@ def _predicted(record: EyesRecord, prediction_ns: int) -> Eyes | None:
     s = min(max(prediction_ns, 0) / 1e9, MAX_PREDICTION_S)
     (lx, ly, rx, ry), (u, v, p, q) = record.filtered_px, record.velocity_px_s
     lx, ly, rx, ry = lx + u * s, ly + v * s, rx + p * s, ry + q * s
-    # false for NaN
-    near = abs(lx) < FAR_PX and abs(ly) < FAR_PX and abs(rx) < FAR_PX and abs(ry) < FAR_PX
-    return (lx, ly, rx, ry) if near else None
+    return (lx, ly, rx, ry) if is_plausible_px(lx, ly, rx, ry) else None
 
 
 def _flat(points: np.ndarray[Any, Any]) -> Eyes:
@@ -366,19 +371,13 @@ def _towards(
     place: tuple[float, float], to: tuple[float, float], dt_s: float, time_s: float
 ) -> tuple[float, float]:
     """place after dt_s on its way to another, by a low-pass of time constant time_s."""
-    share = low_pass_share(dt_s, time_s)
+    share = low_pass_gain(dt_s, time_s)
     return place[0] + (to[0] - place[0]) * share, place[1] + (to[1] - place[1]) * share
 
 
 def _is_absent(t_sensor_ns: int, t_shown_ns: int) -> bool:
     """Whether no frame has come for so long that its viewer has gone."""
     return t_shown_ns - t_sensor_ns > ABSENT_S * SECOND_NS
-
-
-def low_pass_share(dt_s: float, time_s: float) -> float:
-    """Share of the new value in a low-pass over dt_s: backward Euler, stable for any step."""
-    ratio = dt_s / time_s
-    return ratio / (1 + ratio)
 
 
 def video_frame(t_ns: int, start_ns: int, rate_hz: float) -> int:
