@@ -115,6 +115,7 @@ SOON = 20  # pictures
 # Punctual pictures narrow the margin, by the cube of their number since the last late one: by the
 # least step in 500, so that 1 picture in 500 is late, and by 8 ms in 1000.
 NARROWING = 4 * MIN_STEP_NS / 500**4
+MAX_COST_PERIODS = 4.0  # of a picture: slower ones say nothing about the next
 MAX_PERIODS = 2.5  # a compositor may require a picture a whole period before its blank
 
 
@@ -192,7 +193,9 @@ class ScreenRefresh(Refresh):
         self._limit_hz = limit_hz
         self._due_ns = t0_ns
         self._cost_ns = 0
+        self._last_cost_ns = 0
         self._punctual = 0  # pictures since the last late one
+        self._since_stall = SOON  # pictures since one was handed over a period too late
         self._step_ns = MIN_STEP_NS
         self._has_vblanks = True
         self._late_ns = 0  # of the last repaint
@@ -219,9 +222,14 @@ class ScreenRefresh(Refresh):
         pass
 
     def add_cost(self, cost_ns: int, t_started_ns: int, target_ns: int) -> None:
-        """A cost of more than a period says nothing: no lead would make that picture punctual."""
-        if cost_ns < self.clock.period_ns:
-            super().add_cost(cost_ns, t_started_ns, target_ns)
+        """A picture may cost several periods, and is then begun as long before its vblank. A single
+        one of more than a period is a stall: it counts as the one before.
+        """
+        counted_ns = min(cost_ns, round(MAX_COST_PERIODS * self.clock.period_ns))
+        if cost_ns > self.clock.period_ns:
+            counted_ns = min(counted_ns, self._last_cost_ns)
+        self._last_cost_ns = cost_ns
+        super().add_cost(counted_ns, t_started_ns, target_ns)
 
     def judge(self, target_ns: int, t_handed_ns: int, t_presented_ns: int) -> bool:
         """Learns from a picture for the blank target_ns, shown at t_presented_ns, 0 for never;
@@ -262,11 +270,16 @@ class ScreenRefresh(Refresh):
 
         Late: the lead was too short. A whole period early: too long. A picture begun before the
         margin changed says nothing about the new margin, and one that its own process handed over
-        a period too late nothing at all.
+        a period too late is a stall, unless that has happened lately.
         """
         period_ns = self.clock.period_ns
         vblanks = round((t_presented_ns - target_ns) / period_ns)
-        if t_handed_ns <= self._changed_ns or t_handed_ns >= target_ns + period_ns:
+        self._since_stall += 1
+        stalled = t_handed_ns >= target_ns + period_ns
+        is_single = stalled and self._since_stall > SOON
+        if stalled:
+            self._since_stall = 0
+        if t_handed_ns <= self._changed_ns or is_single:
             return vblanks
         if vblanks:
             if vblanks < 0:
@@ -307,7 +320,8 @@ class ScreenRefresh(Refresh):
         period_ns = self.period_ns
         self._due_ns = self.due_ns() + period_ns
         late_ns = t_ns - (self._due_ns - self.lead_ns())
-        slack_ns = min(self.lead_ns(), period_ns) / 2
+        # a late wake-up is tolerated, but nothing where the pictures alone take the period
+        slack_ns = max(min(self.lead_ns(), period_ns - self._cost_ns), 0) / 2
         passed = math.ceil((late_ns - slack_ns) / period_ns) if late_ns > slack_ns else 0
         self._due_ns += passed * period_ns
         return passed
