@@ -9,6 +9,7 @@ changes nothing.
 
 from collections.abc import Callable
 from functools import partial
+from typing import Literal
 
 import attrs
 
@@ -30,6 +31,10 @@ OUTPUTS = {
     "trace": ("timeline", "trace", "lfpipe trace"),
     "record": ("record", "recording", "lfpipe ctl record"),
 }
+# requests that only the stage that shows pictures may send
+OF_THE_WINDOW = ("keep", "dialog")
+KEPT = ("section", "values", "depth")
+DEPTHS = ("yes", "no", "asked")  # what is kept about the depth order of a scene
 LEASE_S, MAX_LEASE_S = 5.0, 60.0  # of the ring of pictures
 
 
@@ -44,6 +49,7 @@ class Reply:
     load: PackerRequest | None = None  # the real reply comes from `on_load`
     previews: tuple[str, ...] | None = None  # scenes to read for the page that offers them
     check: FileCheck | None = None  # the real reply comes from `respond_checked`
+    dialog: Literal["folder", "file"] | None = None  # the real reply comes from `on_chosen`
     executed_by: tuple[str, ...] = ()  # the stages that execute the command, and then answer
     with_stages: bool = False  # the answer gets the figures of the stages
     stop: bool = False  # the session ends
@@ -52,11 +58,15 @@ class Reply:
 Handler = Callable[[SessionState, Message, int], Reply]
 
 
-def respond(state: SessionState, message: Message, t_ns: int) -> Reply:
-    """The reply to a request. t_ns: now. Raises BadMessage, UserError."""
+def respond(state: SessionState, message: Message, t_ns: int, sender: str = "") -> Reply:
+    """The reply to a request. t_ns: now. sender: the stage that sent it, or another client. Raises
+    BadMessage, UserError.
+    """
     command = message.get("cmd")
     if not isinstance(command, str) or command not in HANDLERS:
         raise BadMessage(f"unknown command {command!r:.100}; commands are {', '.join(HANDLERS)}")
+    if command in OF_THE_WINDOW and sender != SHOWN_BY:
+        raise BadMessage(f"{command}: only the window of the session may send it")
     return HANDLERS[command](state, message, t_ns)
 
 
@@ -204,11 +214,48 @@ def _share(state: SessionState, message: Message, _t_ns: int) -> Reply:
     return Reply(answer={"share": list(left)}, state=state.changed(share=left))
 
 
+def _keep(state: SessionState, message: Message, _t_ns: int) -> Reply:
+    """Keeps settings for later sessions, in the user's file, or the depth order of the scene."""
+    depth = message.get("depth")
+    scene = state.options.scene
+    if "depth" in message:
+        if depth not in DEPTHS or scene is None:
+            raise BadMessage(f"keep: depth is {', '.join(DEPTHS)}, of the scene on the screen")
+        return Reply(check=FileCheck(check="keep depth", path=scene.pack, values={"depth": depth}))
+    section, values = message.get("section"), message.get("values")
+    if not isinstance(section, str) or not isinstance(values, dict) or not values:
+        raise BadMessage("keep needs a section and a map of keys and values, or a depth")
+    config_module.updated(state.config, {f"{section}.{key}": values[key] for key in values})
+    path = str(config_module.user_file())
+    return Reply(check=FileCheck(check="keep", path=path, section=section, values=values))
+
+
+def _dialog(state: SessionState, message: Message, _t_ns: int) -> Reply:
+    """Opens the desktop's dialog, for a folder or a file; `on_chosen` gets its path."""
+    folder = message.get("folder")
+    if not isinstance(folder, bool):
+        raise BadMessage("dialog needs `folder`: true for a folder, false for a file")
+    return Reply(dialog="folder" if folder else "file")
+
+
+def on_chosen(state: SessionState, message: Message, path: str) -> tuple[Message, Reply]:
+    """The request of a dialog with the chosen path as its scene, and the reply, which loads it.
+
+    path: "" if the dialog was cancelled. Raises like `respond`.
+    """
+    if not path:
+        return message, Reply(answer={"path": ""})
+    message = {**message, "scene": path}
+    return message, _load(state, message, 0)
+
+
 def respond_checked(state: SessionState, message: Message, result: Message, t_ns: int) -> Reply:
     """The reply to a request after its files were checked.
 
     The state may have changed meanwhile. Raises like `respond`.
     """
+    if message["cmd"] == "keep":
+        return Reply(answer={key: message[key] for key in KEPT if key in message})
     respond(state, message, t_ns)  # another client may have started one
     if message["cmd"] == "share":
         share = tuple(dict.fromkeys((*state.options.share, *result["targets"])))
@@ -283,5 +330,7 @@ HANDLERS: dict[str, Handler] = {
     "trace": _output,
     "record": _output,
     "share": _share,
+    "keep": _keep,
+    "dialog": _dialog,
     "stop": lambda _state, _message, _t_ns: Reply(stop=True),
 }
