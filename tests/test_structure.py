@@ -15,6 +15,7 @@ LAYERS = (
     {"files"},
     {"config"},
     {"transport"},
+    {"notices"},
     {"scene", "sequence"},
     {"capture", "track", "render", "record"},
     {"supervisor"},

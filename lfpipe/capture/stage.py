@@ -162,8 +162,8 @@ class CaptureStage:
         )
         frames.publish(frame.source_seq, t_sensor_ns, t_read_ns, kind=frame.stamp)
         t_ns = now_ns()
-        context.row.tick(frame.source_seq)
-        context.row.measure(t_read_ns - t_sensor_ns, busy_ns, t_ns - t_sensor_ns)
+        context.row.count_output(frame.source_seq)
+        context.row.record_latency(t_read_ns - t_sensor_ns, busy_ns, t_ns - t_sensor_ns)
         context.row["cpu_ns"] = time.process_time_ns()
 
     def _note_gap(self) -> None:

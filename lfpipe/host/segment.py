@@ -32,6 +32,9 @@ _OWNER = struct.Struct("<8sq")  # magic, length of the path that follows
 _SAFE = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
 
 
+REMEDY = "end that session with the version of lfpipe that started it, then start it again"
+
+
 class WrongSegment(UserError, ValueError):
     """A segment with other contents, or another version, than its reader expects."""
 
@@ -68,8 +71,7 @@ class Segment:
             f"begins with {begin!r}" if begin != magic else f"has {self.size} bytes of {size_bytes}"
         )
         raise WrongSegment(
-            f"{self.name}: not a {what} of this version (magic {magic!r}): it {contents}",
-            "end that session with the version of lfpipe that started it, then start it again",
+            f"{self.name}: not a {what} of this version (magic {magic!r}): it {contents}", REMEDY
         )
 
     def close(self) -> None:

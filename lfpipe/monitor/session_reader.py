@@ -26,7 +26,7 @@ from lfpipe.transport.status import Table
 WINDOW_S = 10.0
 HELLO_S = 0.5  # timeout for the settings; figures need no answer
 Rows = dict[str, NDArray[np.void]]
-HISTOGRAMS = ("wait", "busy", "age", "prediction")
+HISTOGRAMS = ("wait", "busy", "age", "histograms")
 
 
 def ask(name: str, message: Message, timeout_s: float = 2.0) -> Message:
@@ -65,6 +65,7 @@ class Watch:
         return session_metrics(
             self.session.name,
             self.table.rows if rows is None else rows,
+            self.table.metrics,
             self.table.session,
             self.manifest.started_ns,
         )
@@ -93,8 +94,9 @@ def _since(row: NDArray[np.void], before: NDArray[np.void]) -> NDArray[np.void]:
     for name in HISTOGRAMS:
         for field in ("count", "sum_ns", "buckets"):
             out[name][field] -= before[name][field]
-        filled = np.flatnonzero(out[name]["buckets"])
-        out[name]["max_ns"] = int(1e3 * MIDDLES_US[filled[-1]]) if len(filled) else 0
+        for histogram in np.atleast_1d(out[name]):
+            filled = np.flatnonzero(histogram["buckets"])
+            histogram["max_ns"] = int(1e3 * MIDDLES_US[filled[-1]]) if len(filled) else 0
     return out
 
 

@@ -20,6 +20,7 @@ from lfpipe.config.modes import Lossless
 from lfpipe.errors import UserError, plain
 from lfpipe.host.file_lock import Lock
 from lfpipe.host.processes import usable_cores
+from lfpipe.notices import Fault, faults
 from lfpipe.scene.open_scene import Packing
 from lfpipe.supervisor import child, process_table
 from lfpipe.supervisor.control_sockets import ControlSockets, Request
@@ -48,7 +49,6 @@ from lfpipe.supervisor.stage_process import (
 )
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
 from lfpipe.transport.control import EXECUTED, BadMessage, Message
-from lfpipe.transport.notices import faults
 from lfpipe.transport.ring_io import StageSpec
 from lfpipe.transport.session import Session, SessionManifest
 
@@ -109,8 +109,7 @@ class LiveSession:
         self._end_ns: int | None = None  # of --duration, once all stages are ready
         self._rollback = ConfigRollback()
         self._busy_reported = False
-        # part that does not work -> whether it ever has
-        self._faults: dict[str, bool] = {}
+        self._faults: list[Fault] = []  # parts that do not work
         self._pending = PendingAnswers()
         self._quality = QualityControl(self._cpus)
         with contextlib.ExitStack() as parts:  # each is closed, even if another one raises
@@ -159,7 +158,7 @@ class LiveSession:
                 self._end("finished (--duration reached)")
         outcome = self._outcome
         final = self.metrics()
-        self._faults = dict(faults(self._store.table.rows, now_ns()))
+        self._faults = list(faults(self._store.table.rows, now_ns()))
         self.stages.stop()
         if outcome.failure is None:
             outcome = next(self._late_failures(outcome.reason), outcome)
@@ -240,10 +239,11 @@ class LiveSession:
         state = self._rollback.watch(state, self._applied(state.rev), outputs, t_ns)
         if state.options.pictures and t_ns > state.pictures_until_ns:
             state = state.without_pictures()
-        broken = dict(faults(self._store.table.rows, t_ns))
-        for words in broken:
-            if words not in self._faults:
-                self.log(words)
+        broken = list(faults(self._store.table.rows, t_ns))
+        known = [fault.text for fault in self._faults]
+        for fault in broken:
+            if fault.text not in known:
+                self.log(fault.text)
         self._faults = broken or self._faults
         step = self._quality.sample(state, self._store.table.rows, t_ns)
         if step is not None:
@@ -332,7 +332,7 @@ class LiveSession:
                 name = f"{process.stage.name} could not end"
                 yield Outcome(name, mistake.message, mistake.remedy, user_error=True)
         rows = self._store.table.rows
-        never = [words for words, outputs_ok in self._faults.items() if not outputs_ok]
+        never = [fault.text for fault in self._faults if not fault.has_worked]
         if rows[TRACKED_BY]["restarts"] and not rows[TRACKED_BY]["seq"]:
             never.append(f"{TRACKED_BY} failed before its first eyes")
         if never:
@@ -468,7 +468,11 @@ class LiveSession:
     def metrics(self) -> SessionMetrics:
         """The figures of the stages."""
         return session_metrics(
-            self._session.name, self._store.table.rows, self._store.table.session, self._started_ns
+            self._session.name,
+            self._store.table.rows,
+            self._store.table.metrics,
+            self._store.table.session,
+            self._started_ns,
         )
 
     def _applied(self, rev: int) -> bool:

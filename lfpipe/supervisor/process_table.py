@@ -8,9 +8,13 @@ from collections.abc import Callable, Sequence
 import attrs
 import numpy as np
 
+from lfpipe.capture.metrics import METRICS as CAPTURE_METRICS
 from lfpipe.config import Config, SessionOptions
 from lfpipe.config.modes import MouseViewer
 from lfpipe.eyes import EYES, SHOWN
+from lfpipe.render.metrics import METRICS as RENDER_METRICS
+from lfpipe.track.metrics import METRICS as TRACK_METRICS
+from lfpipe.transport.metrics import NO_METRICS, MetricSet
 from lfpipe.transport.packet_ring import packet_dtype
 from lfpipe.transport.ring import RingSpec
 
@@ -34,6 +38,7 @@ class Stage:
     needed: Callable[[SessionOptions], bool]
     reads: tuple[str, ...] = ()
     writes: tuple[str, ...] = ()
+    metrics: MetricSet = NO_METRICS
     optional: bool = False
     own_core: bool = False
     startup_timeout_s: float = 15.0
@@ -44,13 +49,20 @@ FRAMES_BYTES = 16 << 20  # a recorder may fall behind by the number of slots min
 
 
 STAGES: tuple[Stage, ...] = (
-    Stage(name="capture", module="lfpipe.capture.stage", needed=_feeds, writes=("frames",)),
+    Stage(
+        name="capture",
+        module="lfpipe.capture.stage",
+        needed=_feeds,
+        writes=("frames",),
+        metrics=CAPTURE_METRICS,
+    ),
     Stage(
         name="track",
         module="lfpipe.track.stage",
         needed=lambda options: options.viewer.tracked,
         reads=("frames",),
         writes=("eyes",),
+        metrics=TRACK_METRICS,
         own_core=True,
         startup_timeout_s=30.0,
     ),
@@ -60,6 +72,7 @@ STAGES: tuple[Stage, ...] = (
         needed=lambda options: options.show,
         reads=("eyes",),
         writes=("shown",),
+        metrics=RENDER_METRICS,
     ),
     # their work can wait, so it must not disturb capture and render
     Stage(
@@ -81,6 +94,7 @@ STAGES: tuple[Stage, ...] = (
 )
 
 NAMES = tuple(stage.name for stage in STAGES)
+METRICS = {stage.name: stage.metrics for stage in STAGES}
 # The source makes frames, and when it ends by itself, the session ends.
 # The age of pictures is the session's.
 SOURCE, TRACKED_BY, SHOWN_BY = (

@@ -24,7 +24,7 @@ from lfpipe.supervisor.process_table import SOURCE, STAGES, Stage
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.ring_io import StageSpec
 from lfpipe.transport.session import Session
-from lfpipe.transport.status import ENDED, State, Table, busy_words, clear
+from lfpipe.transport.status import ENDED, State, Table, busy_work, clear
 
 logger = logging.getLogger(__name__)
 MAX_RESTARTS_WINDOW_S, MAX_FAILURES = 60.0, 5  # five failures in a minute are no accident
@@ -139,7 +139,7 @@ class StageProcess:
         if t_ns - self._checked_ns > ASLEEP_S * 1e9:
             self._awake_ns = t_ns  # the machine was suspended, or starved all processes alike
         self._checked_ns = t_ns
-        words = busy_words(row)
+        words = busy_work(row)
         sets_up = row["state"] == State.STARTING or not row["ready_ns"]
         if row["state"] == State.STOPPING and not words:
             return ""
@@ -168,7 +168,7 @@ class StageProcess:
         else "".
         """
         return (
-            busy_words(self.row)
+            busy_work(self.row)
             if self.row["state"] == State.STOPPING and not self.overdue()
             else ""
         )

@@ -32,7 +32,7 @@ class Context:
         self.spec = spec
         self.config = spec.config
         self.table = status.Table(spec.session.segment("status"), writable=True)
-        self.row = status.Row(self.table.rows[spec.name])
+        self.row = status.Row(self.table.rows[spec.name], self.table.metrics[spec.name])
         self.options = spec.options
         self.stopping = False
         self.paused = False
@@ -77,7 +77,7 @@ class Context:
         """
         gc.freeze()
         self.row["epoch"] += 1
-        self.row.beat()  # first: a stage delayed between these lines is not hung
+        self.row.heartbeat()  # first: a stage delayed between these lines is not hung
         self.row["ready_ns"] = now_ns()
         self.row["state"] = State.RUNNING
         logger.info("ready after %.2f s", (now_ns() - int(self.row["started_ns"])) / 1e9)
@@ -170,7 +170,7 @@ class Context:
 
         Returns False once the stage must end. inputs: False where it cannot use their data now.
         """
-        self.row.beat()
+        self.row.heartbeat()
         self.done()  # a waiting stage has processed what it took
         for ring_input in self._inputs:
             ring_input.wait()
@@ -199,7 +199,7 @@ class Context:
         """Waits until condition holds or the stop arrives; credits wake it."""
         fds = [self._ctl_fd, *(credit.fd for credit in credits)]
         while not condition() and not self.stopping:
-            self.row.beat()
+            self.row.heartbeat()
             self._sleep(fds, BEAT_NS)
 
     def _take_messages(self) -> None:

@@ -15,6 +15,7 @@ import attrs
 from lfpipe.config import Render, choices, user_file
 from lfpipe.config.modes import Window
 from lfpipe.config.quality import level_number
+from lfpipe.notices import NoticeKind, notices
 from lfpipe.render.display.display import Display
 from lfpipe.render.display.file_display import save
 from lfpipe.render.display.open_display import HINT
@@ -31,7 +32,6 @@ from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.scene.inverted_depth import remember, undecided
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
-from lfpipe.transport.notices import NO_FACE, notices
 
 ALPHA_STEP = 1.1  # hardly visible at once, twice the movement in seven
 GHOST_STEP = 5.0  # %: the least that is seen
@@ -322,11 +322,12 @@ class KeyBindings:
         is_exhibition = bool(context.options.kiosk)
         if context.paused:
             lines.append("paused" if is_exhibition else "paused: p or space resumes")
-        current = notices(context.table.rows, context.spec.source, context.spec.name)
+        spec = context.spec
+        current = notices(context.table.rows, spec.source, spec.name, context.row["t_face_ns"])
         if current and is_exhibition:  # the notices themselves are for its operator
-            is_alone = any(line.startswith(NO_FACE) for line in current)
-            current = [INVITATION if is_alone else TOUCH]
-        return [*lines, *current]
+            is_alone = any(notice.kind is NoticeKind.NO_FACE for notice in current)
+            return [*lines, INVITATION if is_alone else TOUCH]
+        return [*lines, *(notice.text for notice in current)]
 
     def pass_on_notices(self) -> None:
         """Emits the display's notices."""

@@ -3,12 +3,12 @@ the views on show.
 """
 
 from lfpipe.config import Render
+from lfpipe.notices import latency_lines
 from lfpipe.render.viewer.geometry import zero_plane_px
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.histogram import summary_ms
-from lfpipe.transport.notices import latency_lines
 from lfpipe.transport.status import State, rate_hz
 
 SHOWN_NS = 2 * SECOND_NS  # a line is read in one
@@ -54,7 +54,11 @@ def status_lines(context: Context, viewer: Viewer) -> tuple[str, ...]:
     camera = f"camera {rate_hz(source):5.1f} Hz" if has_camera else "no camera"
     lines = [
         f"{camera}   pictures {rate_hz(own):5.1f} Hz",
-        *latency_lines(summary_ms(own["age"]), summary_ms(own["prediction"]), bool(own["planned"])),
+        *latency_lines(
+            summary_ms(own["age"]),
+            summary_ms(context.row.histograms["prediction"].record),
+            bool(context.row["planned"]),
+        ),
         (
             f"{viewer.method}, {render.anaglyph}, {alpha}, zero plane"
             f" {zero_plane_px(field, render):+.2f} px/view"
