@@ -23,6 +23,7 @@ from lfpipe.api.tracker import Eyes
 from lfpipe.config import Config, Snapshot, converter, updated
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import temporary_folder
+from lfpipe.host.child import NULL, Child, python
 from lfpipe.monitor.session_reader import Watch
 from lfpipe.render.display.open_display import has_display
 from lfpipe.scene.lightfield import LightField
@@ -36,14 +37,6 @@ LOOK_S = 0.001  # between two polls of a ring
 STOPPED = (0, -15, 143)  # exit codes of a session that did not fail
 START_S = 600.0  # a scene may be packed first
 STOP_S, LOAD_S = 30.0, 900.0  # a recording is completed at the end; a large scene is packed first
-# Ends with the program that started it: the program holds the other end of this pipe.
-COMMAND = """
-import os, runpy, signal, sys, threading
-def watch():
-    os.read(0, 1); os.kill(os.getpid(), signal.SIGTERM)
-threading.Thread(target=watch, daemon=True).start(); sys.argv[0] = 'lfpipe'
-runpy.run_module('lfpipe', run_name='__main__')
-"""
 
 
 @attrs.frozen(eq=False)
@@ -237,13 +230,11 @@ class Session(Attachment):
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115  (open as long as the session)
         self._output = ""  # by the session, once it has ended
         self._closed = True  # nothing is open yet
-        command = [sys.executable, "-P", "-c", COMMAND, *words]
-        self._process = subprocess.Popen(
-            command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
+        self._process = Child(
+            python("lfpipe.host.child", "lfpipe", *words),
+            stdout=NULL,
             stderr=self._errors,
-            start_new_session=True,
+            own_session=True,
         )
         try:
             self._wait_for_start(name)
@@ -254,7 +245,7 @@ class Session(Attachment):
     def _wait_for_start(self, name: str) -> None:
         end = time.monotonic() + START_S
         while time.monotonic() < end:
-            if self._process.poll() is not None:
+            if self._process.exit_code is not None:
                 raise self._failure()
             with contextlib.suppress(UserError, FileNotFoundError):
                 super().__init__(name)
@@ -287,9 +278,8 @@ class Session(Attachment):
 
         Raises lfpipe.UserError if it failed.
         """
-        try:
-            code = self._process.wait(timeout_s)
-        except subprocess.TimeoutExpired:
+        code = self._process.wait(timeout_s)
+        if code is None:
             return False
         if code not in STOPPED:
             raise self._failure()
@@ -297,13 +287,9 @@ class Session(Attachment):
 
     def stop(self) -> None:
         """Ends the session, and returns when it has left nothing behind. May be called again."""
-        assert self._process.stdin is not None
-        self._process.stdin.close()
-        try:
-            self._process.wait(STOP_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        self._process.end()
+        self._process.wait(STOP_S)
+        self._process.close()
         self._failure()  # keeps what the session printed, and closes the file
 
     def __exit__(self, *_: object) -> None:

@@ -2,11 +2,11 @@
 
 import os
 import shutil
-import subprocess
 from collections.abc import Collection
 from pathlib import Path
 
 from lfpipe.errors import UserError
+from lfpipe.host.child import NULL, PIPE, Child
 from lfpipe.supervisor.control_sockets import Request
 
 MAX_PATH_BYTES = 1 << 16  # of a dialog's output; the longest path has 4096
@@ -38,7 +38,7 @@ class FileDialog:
 
     def __init__(self) -> None:
         self._request: Request | None = None
-        self._process: subprocess.Popen[bytes] | None = None
+        self._process: Child | None = None
         self._output = b""
 
     def open(self, request: Request, folder: bool) -> None:
@@ -47,13 +47,7 @@ class FileDialog:
             raise ALREADY_OPEN
         command = dialog_command(folder)
         try:
-            self._process = subprocess.Popen(
-                command,
-                bufsize=0,
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-            )
+            self._process = Child(command, stdout=PIPE, stderr=NULL)
         except OSError as error:
             raise UserError(f"{command[0]}: {error.strerror}", NO_DIALOG.remedy) from None
         self._request = request
@@ -62,8 +56,7 @@ class FileDialog:
     @property
     def fds(self) -> list[int]:
         """Descriptors that wake the supervisor."""
-        stdout = self._process.stdout if self._process else None
-        return [stdout.fileno()] if stdout else []
+        return [pipe.fileno() for pipe in self._process.pipes()] if self._process else []
 
     def update(self, connections: Collection[int]) -> tuple[Request, str] | None:
         """The request and the chosen path once the dialog has ended, "" if it was cancelled. Closes
@@ -75,9 +68,8 @@ class FileDialog:
         if request.connection not in connections:
             self.close()
             return None
-        assert process.stdout is not None
-        os.set_blocking(process.stdout.fileno(), False)
-        data = process.stdout.read(MAX_PATH_BYTES)  # None while there is nothing to read
+        (stdout,) = process.pipes()
+        data = stdout.read(MAX_PATH_BYTES)  # None while there is nothing to read
         self._output = (self._output + (data or b""))[:MAX_PATH_BYTES]
         if data != b"":
             return None
@@ -87,8 +79,6 @@ class FileDialog:
 
     def close(self) -> None:
         """Closes the dialog."""
-        if self._process is not None and self._process.stdout is not None:
-            self._process.kill()
-            self._process.wait()
-            self._process.stdout.close()
+        if self._process is not None:
+            self._process.close()
         self._process = self._request = None

@@ -1,14 +1,9 @@
-"""The processes of the stages: started when needed, judged by their beat, restarted, and ended in
-two passes.
-"""
+"""The processes of the stages: start, heartbeat check, restart, and end in two passes."""
 
 import logging
-import multiprocessing
-import os
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterator
-from multiprocessing.process import BaseProcess
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +12,7 @@ from lfpipe.config import SessionOptions
 from lfpipe.config.modes import Lossless
 from lfpipe.errors import UserError
 from lfpipe.host import signals
+from lfpipe.host.child import Child, Patience, is_computing, python
 from lfpipe.host.files import exists
 from lfpipe.host.processes import activity
 from lfpipe.supervisor import child
@@ -27,7 +23,7 @@ from lfpipe.transport.session import Session
 from lfpipe.transport.status import ENDED, State, Table, busy_work, clear
 
 logger = logging.getLogger(__name__)
-MAX_RESTARTS_WINDOW_S, MAX_FAILURES = 60.0, 5  # five failures in a minute are no accident
+MAX_RESTARTS_WINDOW_S, MAX_FAILURES = 60.0, 5  # give up after five failures in a minute
 FIRST_BACKOFF_S = 0.1  # doubled from one failure to the next
 MAX_STACK = 4000  # characters reported
 BUSY_S = 60.0  # without a beat: time for a disk to spin up, or for a network to return
@@ -36,8 +32,6 @@ COMPUTING = 5
 # Time of its own on a CPU, without a beat: emulated, one search for a face takes more than 10 s. In
 # a lossless replay nobody waits for a picture.
 LIVE_CPU_S, LOSSLESS_CPU_S = 30.0, 60.0
-# of the time: more than polling takes, less than its share among dozens of busy programs
-COMPUTING_SHARE = 0.03
 # after such a gap between checks, the supervisor was stopped or starved, probably like the stages
 ASLEEP_S = 1.0
 DRAIN_NS = 2 * SECOND_NS  # time for the stages to finish their work after the source has ended
@@ -53,7 +47,7 @@ class StageProcess:
         self.stage = stage
         self.row = row
         self._session = session
-        self.process: BaseProcess | None = None
+        self.process: Child | None = None
         self.must_run = False  # the session needs it now, so its end is a failure
         self.next_start_ns = 0
         self.failures: deque[int] = deque(maxlen=MAX_FAILURES)
@@ -82,14 +76,8 @@ class StageProcess:
         self.row["started_ns"] = self._checked_ns
         self._killed = False
         self.lossless = isinstance(spec.options.clock, Lossless)
-        self.process = multiprocessing.get_context("spawn").Process(
-            target=child.run,
-            args=(spec, os.getpid()),
-            name=f"lfpipe-{self.stage.name}",
-            daemon=True,
-        )
         with signals.blocked():
-            self.process.start()
+            self.process = Child(python("lfpipe.supervisor.child"), child.start_line(spec))
         self.row["pid"] = self.process.pid
         logger.info(
             "%s starts as process %d, restart %d",
@@ -100,10 +88,9 @@ class StageProcess:
 
     def reap(self) -> int | None:
         """Exit code when the process has ended since the last call, else None."""
-        if self.process is None or self.process.exitcode is None:
+        code = None if self.process is None else self.process.exit_code
+        if self.process is None or code is None:
             return None
-        code = int(self.process.exitcode)
-        self.process.join()
         self.process.close()
         self.process = None
         finished = code in (0, child.EXIT_TERMINATED)
@@ -122,7 +109,7 @@ class StageProcess:
             self.row["taken_seq"] = 0  # its work was done, so its successor has missed nothing
         return code
 
-    def overdue(self) -> str:
+    def hang_reason(self) -> str:
         """Why the process counts as hung, or "": it gave no beat for longer than its phase allows.
         Call often.
 
@@ -151,11 +138,13 @@ class StageProcess:
             return ""
         cpu_ns, on_disk = activity(int(row["pid"]))
         cpu_s = (cpu_ns - int(row["cpu_ns"])) / 1e9  # since its last output
-        computes = cpu_s > COMPUTING_SHARE * silent_s
-        patient = cpu_s <= (LOSSLESS_CPU_S if self.lossless else LIVE_CPU_S)
-        if silent_s <= BUSY_S * on_disk or (
-            computes and (patient or silent_s <= COMPUTING * limit_s)
-        ):
+        patience = Patience(
+            limit_s=limit_s,
+            disk_s=BUSY_S,
+            computing_s=COMPUTING * limit_s,
+            cpu_s=LOSSLESS_CPU_S if self.lossless else LIVE_CPU_S,
+        )
+        if not patience.exceeded(silent_s, cpu_s, is_computing(cpu_s, silent_s), on_disk):
             return ""
         return (
             f"{words + ': ' if words else ''}{'not ready after' if sets_up else 'no beat for'}"
@@ -163,13 +152,13 @@ class StageProcess:
         )
 
     @property
-    def saves(self) -> str:
+    def saving_description(self) -> str:
         """The results that the process is writing at its end, in words, while it makes progress;
         else "".
         """
         return (
             busy_work(self.row)
-            if self.row["state"] == State.STOPPING and not self.overdue()
+            if self.row["state"] == State.STOPPING and not self.hang_reason()
             else ""
         )
 
@@ -210,8 +199,8 @@ class StageProcess:
 
     def signal(self, signum: int) -> None:
         """Sends one of `host.signals` if there is a process to take it."""
-        if self.process is not None and self.process.pid is not None:
-            os.kill(self.process.pid, signum)
+        if self.process is not None:
+            self.process.signal(signum)
 
 
 class StageProcesses:
@@ -244,7 +233,7 @@ class StageProcesses:
     @property
     def sentinels(self) -> list[int]:
         """Descriptors that wake the supervisor when a stage ends."""
-        return [one.process.sentinel for one in self if one.process is not None]
+        return [one.process.ended_fd for one in self if one.process is not None]
 
     def ensure_running(self, options: SessionOptions) -> None:
         """Starts stages that are needed, and asks stages that are no longer needed to stop."""
@@ -261,7 +250,7 @@ class StageProcesses:
         ended = []
         for process in self:
             name = process.stage.name
-            if why := process.overdue():
+            if why := process.hang_reason():
                 self._log(f"{name}: {why}, killed\n{process.kill_hung()}".rstrip())
             code = process.reap()
             if code is not None and process.row["state"] == State.DEAD:
@@ -321,7 +310,8 @@ def wait_for_end(stages: Collection[StageProcess], log: Callable[[str], None]) -
         due_ns = now_ns() + int(limit_s * 1e9)
         while living := [process for process in stages if process.alive]:
             if now_ns() >= due_ns:
-                saving = {process.stage.name: process.saves for process in living if process.saves}
+                saving = {process.stage.name: process.saving_description for process in living}
+                saving = {name: text for name, text in saving.items() if text}
                 if not saving:
                     break
                 for name in saving.keys() - reported:

@@ -87,7 +87,7 @@ class Context:
         """Wraps calls that may wait for a disk: the stage is then judged by its progress, not by
         its beat.
 
-        words: a description for monitors, at most 32 bytes. See `StageProcess.overdue`.
+        words: a description for monitors, at most 32 bytes. See `StageProcess.hang_reason`.
         """
         self.row.set_busy(words)
         try:

@@ -57,7 +57,7 @@ def test_scene_previews_of_another_page_end_those_before(tmp_path: Path) -> None
     previews.begin([str(tmp_path)], Scene())
     process = previews._reader._process  # type: ignore[union-attr]
     previews.begin([], Scene())
-    assert not previews.fds and process.poll() is not None
+    assert not previews.fds and process.exit_code is not None
     previews.update()
     assert messages == []
 
