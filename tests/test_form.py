@@ -18,7 +18,6 @@ POSITIONAL = {
     "config": "Key",
     "render": "Item Pointer",
     "share": "Sample",
-    "supervisor": "Outcome",
     "sweep": "Outcome",
     "track": "Face",
     "transport": "Stamp",

@@ -50,7 +50,7 @@ from lfpipe.scene.open_scene import Opened, Packing, open_scenes
 from lfpipe.scene.pack import summarize
 from lfpipe.scene.recent_scenes import recent_scenes, remember_scene
 from lfpipe.supervisor import rundir
-from lfpipe.supervisor.live_session import Outcome
+from lfpipe.supervisor.effects import Outcome
 from lfpipe.supervisor.supervisor import run_session
 from lfpipe.track import models
 from lfpipe.transport.session import Session, default_name

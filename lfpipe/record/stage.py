@@ -260,7 +260,7 @@ class Recorder:
                 context.report_lost(f"recording {self._folder}: not completed: {error.strerror}")
             if not self._writer.count:
                 remove_empty(self._folder)
-            context.emit("notice", text=text)
+            context.notify(text)
 
 
 def main(context: Context) -> None:

@@ -286,8 +286,8 @@ class RenderStage:
                 self._keys.scenes.report(message)
             elif word == "preview":
                 self._keys.page.add(message)
-            elif not word:
-                self._keys.scenes.answered(message)
+        for answer in context.answers():
+            self._keys.scenes.answered(answer.values)
 
     def _open_scene(self, other_pack: bool, completed: bool, turned: bool) -> None:
         """Shows the scene of the settings in force.

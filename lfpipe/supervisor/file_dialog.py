@@ -2,12 +2,15 @@
 
 import os
 import shutil
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 
 from lfpipe.errors import UserError
 from lfpipe.host.child import NULL, PIPE, Child
 from lfpipe.supervisor.control_sockets import Request
+from lfpipe.supervisor.effects import Effect, Respond, Service
+from lfpipe.supervisor.requests import on_chosen
+from lfpipe.supervisor.session_state import SessionState
 
 MAX_PATH_BYTES = 1 << 16  # of a dialog's output; the longest path has 4096
 ALREADY_OPEN = UserError("a file dialog is already open", "choose there, or cancel it")
@@ -33,10 +36,13 @@ def dialog_command(folder: bool) -> list[str]:
     raise NO_DIALOG
 
 
-class FileDialog:
-    """The dialog that is open, if any."""
+class FileDialog(Service):
+    """The dialog that is open, if any. connections: those that are open now."""
 
-    def __init__(self) -> None:
+    guarded = True
+
+    def __init__(self, connections: Callable[[], Collection[int]]) -> None:
+        self._connections = connections
         self._request: Request | None = None
         self._process: Child | None = None
         self._output = b""
@@ -58,14 +64,20 @@ class FileDialog:
         """Descriptors that wake the supervisor."""
         return [pipe.fileno() for pipe in self._process.pipes()] if self._process else []
 
-    def update(self, connections: Collection[int]) -> tuple[Request, str] | None:
+    def update(self, state: SessionState, t_ns: int) -> Iterator[Effect]:
+        if chosen := self.chosen():
+            request, path = chosen
+            request.message, reply = on_chosen(request.message, path)
+            yield Respond(request, reply)
+
+    def chosen(self) -> tuple[Request, str] | None:
         """The request and the chosen path once the dialog has ended, "" if it was cancelled. Closes
-        the dialog of a client that is not among these connections any more.
+        the dialog of a client that has disconnected.
         """
         process, request = self._process, self._request
         if process is None or request is None:
             return None
-        if request.connection not in connections:
+        if request.connection not in self._connections():
             self.close()
             return None
         (stdout,) = process.pipes()

@@ -7,6 +7,7 @@ shows it. A refusal is a BadMessage (not a request at all) or a UserError (with 
 changes nothing.
 """
 
+import logging
 from collections.abc import Callable
 from functools import partial
 from typing import Literal
@@ -25,6 +26,7 @@ from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.control import BadMessage, Message
 
+logger = logging.getLogger(__name__)
 # outputs that can begin and end while a session runs:
 # request -> the option that holds its path, its name in words, the command that a person types
 OUTPUTS = {
@@ -52,6 +54,7 @@ class Reply:
     dialog: Literal["folder", "file"] | None = None  # the real reply comes from `on_chosen`
     executed_by: tuple[str, ...] = ()  # the stages that execute the command, and then answer
     with_stages: bool = False  # the answer gets the figures of the stages
+    silent: bool = False  # nothing is answered
     stop: bool = False  # the session ends
 
 
@@ -238,15 +241,15 @@ def _dialog(state: SessionState, message: Message, _t_ns: int) -> Reply:
     return Reply(dialog="folder" if folder else "file")
 
 
-def on_chosen(state: SessionState, message: Message, path: str) -> tuple[Message, Reply]:
-    """The request of a dialog with the chosen path as its scene, and the reply, which loads it.
+def on_chosen(message: Message, path: str) -> tuple[Message, Callable[[SessionState], Reply]]:
+    """The request of a dialog with the chosen path as its scene, and its reply, which loads it.
 
-    path: "" if the dialog was cancelled. Raises like `respond`.
+    path: "" if the dialog was cancelled.
     """
     if not path:
-        return message, Reply(answer={"path": ""})
+        return message, lambda _: Reply(answer={"path": ""})
     message = {**message, "scene": path}
-    return message, _load(state, message, 0)
+    return message, lambda state: _load(state, message, 0)
 
 
 def respond_checked(state: SessionState, message: Message, result: Message, t_ns: int) -> Reply:
@@ -287,7 +290,10 @@ def on_load(
 def on_complete(state: SessionState, scene: SceneSummary) -> SessionState:
     """The state once a scene has its disparity; unchanged if another scene is shown by then."""
     shown = state.options.scene
-    return state.loaded(scene) if shown is not None and shown.pack == scene.pack else state
+    if shown is None or shown.pack != scene.pack:
+        return state
+    logger.info("%s: disparity is complete, method %s", scene.name, scene.method)
+    return state.loaded(scene)
 
 
 def _recentre(state: SessionState, _message: Message, _t_ns: int) -> Reply:

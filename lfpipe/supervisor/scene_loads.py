@@ -3,7 +3,8 @@ that a request wants, one on small pictures for the page that offers scenes.
 """
 
 import logging
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,9 @@ from lfpipe.config import Scene, SceneSummary
 from lfpipe.host.worker import Worker
 from lfpipe.scene.open_scene import SILENT_S, PackerRequest, Packing
 from lfpipe.supervisor.control_sockets import Request
+from lfpipe.supervisor.effects import Change, Effect, Respond, Service
+from lfpipe.supervisor.requests import Reply, on_complete, on_load
+from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.control import Message
 
@@ -74,13 +78,22 @@ class _Load:
         return SceneEvent(self.request, views, scenes) if self.request and views else None
 
 
-class SceneLoads:
-    """The packers of both scenes. send: for their progress, a few times a second. packing: the
-    packer of the session's first scene, while it works.
+class SceneLoads(Service):
+    """The packers of both scenes. send: for their progress, a few times a second. connections:
+    those that are open now.
     """
 
-    def __init__(self, send: Send, packing: Packing | None = None) -> None:
+    guarded = True
+
+    def __init__(
+        self,
+        send: Send,
+        connections: Callable[[], Collection[int]],
+        packing: Packing | None = None,
+    ) -> None:
+        """packing: the packer of the session's first scene, while it works."""
         self._send = send
+        self._connections = connections
         self._loads = {} if packing is None else {SHOWN: _Load(packing, send)}
 
     def want(self, request: Request, scene: PackerRequest) -> Request | None:
@@ -95,11 +108,23 @@ class SceneLoads:
         """Descriptors that wake the supervisor."""
         return [fd for load in self._loads.values() for fd in load.packing.fds]
 
-    def update(self, connections: Collection[int]) -> list[SceneEvent]:
+    def update(self, state: SessionState, t_ns: int) -> Iterator[Effect]:
+        for event in self.events():
+            if event.request is not None:
+                yield Respond(
+                    event.request, partial(_reply, event=event, message=event.request.message)
+                )
+            elif isinstance(event.scene, Exception):
+                logger.info("refused: %s", event.scene)
+            else:
+                yield Change(partial(on_complete, scene=event.scene))
+
+    def events(self) -> list[SceneEvent]:
         """Reads what the packers have printed; returns what has happened. Ends the load of a client
-        that is not among these connections any more.
+        that has disconnected.
         """
         events = []
+        connections = self._connections()
         for name in (WANTED, SHOWN):
             load = self._loads.get(name)
             if load is None:
@@ -135,6 +160,12 @@ class SceneLoads:
             self._end(name)
 
 
+def _reply(state: SessionState, event: SceneEvent, message: Message) -> Reply:
+    if isinstance(event.scene, Exception):
+        raise event.scene
+    return on_load(state, message, event.scene, event.scenes)
+
+
 class _PreviewReader(Worker):
     """The packer at work on previews. left: the scenes that have not had their turn yet."""
 
@@ -152,8 +183,10 @@ class _PreviewReader(Worker):
             self._send({"cmd": "preview", "scene": step["preview"], "data": step["data"]})
 
 
-class ScenePreviews:
+class ScenePreviews(Service):
     """Small pictures of the scenes on one page of the window. send: for each, "" for none."""
+
+    guarded = True
 
     def __init__(self, send: Send) -> None:
         self._send = send
@@ -170,7 +203,11 @@ class ScenePreviews:
         """Descriptors that wake the supervisor."""
         return () if self._reader is None else self._reader.fds
 
-    def update(self) -> None:
+    def update(self, state: SessionState, t_ns: int) -> Iterator[Effect]:
+        self.read()
+        return iter(())
+
+    def read(self) -> None:
         """Passes on what was read; goes on with the next scene if one has ended the child."""
         reader = self._reader
         if reader is not None:

@@ -1,8 +1,5 @@
 """The state of a session: one frozen value. Every change is a pure function from one state to the
 next.
-
-Rollback: if a stage fails on a change of configuration or scene, the change is undone, and the
-session continues.
 """
 
 from __future__ import annotations
@@ -24,14 +21,9 @@ from lfpipe.config import (
 )
 from lfpipe.config.modes import Lossless, Viewer, watching
 from lfpipe.config.quality import ladder
-from lfpipe.supervisor.child import EXIT_TERMINATED
 from lfpipe.supervisor.process_table import packet_ring, picture_ring
-from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.control import Message
 from lfpipe.transport.ring import RingSpec
-
-# counted after all stages have applied a change; a stage that cannot use it fails sooner
-TRIAL_NS = 2 * SECOND_NS
 
 
 def new_ring(kind: str) -> str:
@@ -207,42 +199,3 @@ class SessionState:
             return self
         name = new_ring("packets") if records_jpegs else ""
         return self._with(packets=name)
-
-
-class ConfigRollback:
-    """Watches whether the stages can use the newest change."""
-
-    def __init__(self) -> None:
-        self._since_ns: int | None = None
-        self._outputs: dict[str, int] = {}
-
-    def watch(
-        self, state: SessionState, applied: bool, outputs: Mapping[str, int], t_ns: int
-    ) -> SessionState:
-        """Call often. A change is settled, and the state marked so, when every stage has used it
-        and produced outputs for TRIAL_NS.
-
-        outputs: number of outputs of each stage so far.
-        """
-        if state.basis == state.known_good or not applied:
-            self._since_ns = None
-        elif self._since_ns is None:
-            self._since_ns = t_ns
-            self._outputs = dict(outputs)
-        elif t_ns - self._since_ns >= TRIAL_NS and all(
-            n > self._outputs.get(name, 0) for name, n in outputs.items()
-        ):
-            self._since_ns = None
-            return state.settled()
-        return state
-
-    def to_blame(self, state: SessionState, code: int, applied: bool) -> bool:
-        """Whether a stage that ended with code most likely failed because of the newest change.
-
-        applied: the stage had acknowledged the change; after that, only its own error counts.
-        """
-        own_error = code > 0 and code != EXIT_TERMINATED
-        if state.basis == state.known_good or (applied and not own_error):
-            return False
-        self._since_ns = None
-        return True

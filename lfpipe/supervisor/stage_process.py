@@ -207,7 +207,7 @@ class StageProcesses:
     """All of them.
 
     table: the status table. spec: what a stage receives at its start. ask_to_stop: sends the stop
-    to a stage. log: reports to people.
+    to a stage. notify: notifies the user.
     """
 
     def __init__(
@@ -216,10 +216,10 @@ class StageProcesses:
         table: Table,
         spec: Callable[[Stage], StageSpec],
         ask_to_stop: Callable[[str], None],
-        log: Callable[[str], None],
+        notify: Callable[[str], None],
     ) -> None:
         self._table = table
-        self._log = log
+        self._notify = notify
         self._spec = spec
         self._ask_to_stop = ask_to_stop
         self._all = {
@@ -231,7 +231,7 @@ class StageProcesses:
         return iter(self._all.values())
 
     @property
-    def sentinels(self) -> list[int]:
+    def ended_fds(self) -> list[int]:
         """Descriptors that wake the supervisor when a stage ends."""
         return [one.process.ended_fd for one in self if one.process is not None]
 
@@ -245,13 +245,13 @@ class StageProcesses:
             elif process.alive and not needed:
                 self._ask_to_stop(process.stage.name)
 
-    def judge(self) -> list[tuple[StageProcess, int]]:
+    def check(self) -> list[tuple[StageProcess, int]]:
         """Kills hung stages, and returns stages that ended unexpectedly, with their exit codes."""
         ended = []
         for process in self:
             name = process.stage.name
             if why := process.hang_reason():
-                self._log(f"{name}: {why}, killed\n{process.kill_hung()}".rstrip())
+                self._notify(f"{name}: {why}, killed\n{process.kill_hung()}".rstrip())
             code = process.reap()
             if code is not None and process.row["state"] == State.DEAD:
                 ended.append((process, code))
@@ -282,6 +282,18 @@ class StageProcesses:
             if process.stage.needed(options) or (or_alive and process.alive)
         ]
 
+    def are_ready(self, options: SessionOptions) -> bool:
+        """Whether all that are needed are ready."""
+        return all(int(process.row["ready_ns"]) for process in self.needed(options))
+
+    def have_applied(self, rev: int, options: SessionOptions) -> bool:
+        """Whether every stage has applied revision rev of the state, and those that are no longer
+        needed have ended.
+        """
+        return all(
+            int(process.row["config_rev"]) >= rev for process in self.needed(options, or_alive=True)
+        )
+
     def kill(self) -> None:
         """Ends all at once: the user asked twice."""
         for process in self:
@@ -292,7 +304,7 @@ class StageProcesses:
         for process in self:
             process.must_run = False
             self._ask_to_stop(process.stage.name)
-        wait_for_end(self._all.values(), self._log)
+        wait_for_end(self._all.values(), self._notify)
 
     def close(self) -> None:
         """Stops the stages, unless they have ended, and releases the status table."""
@@ -300,10 +312,10 @@ class StageProcesses:
         self._all.clear()
 
 
-def wait_for_end(stages: Collection[StageProcess], log: Callable[[str], None]) -> None:
+def wait_for_end(stages: Collection[StageProcess], notify: Callable[[str], None]) -> None:
     """Waits until all processes have ended; the caller has asked them to stop. Late ones get
-    SIGTERM, then SIGKILL, unless one saves results and makes progress. log: reports to people what
-    the session waits for.
+    SIGTERM, then SIGKILL, unless one saves results and makes progress. notify: tells the
+    user what the session waits for.
     """
     reported: set[str] = set()
     for limit_s, signum in PASSES:
@@ -315,7 +327,7 @@ def wait_for_end(stages: Collection[StageProcess], log: Callable[[str], None]) -
                 if not saving:
                     break
                 for name in saving.keys() - reported:
-                    log(f"{name}: {saving[name]}; press Ctrl-C again to end it at once")
+                    notify(f"{name}: {saving[name]}; press Ctrl-C again to end it at once")
                 reported |= saving.keys()
                 due_ns = now_ns() + int(limit_s * 1e9)
             time.sleep(0.005)

@@ -15,6 +15,7 @@ from lfpipe.host.processes import usable_cores
 from lfpipe.host.wake import Wake, readable
 from lfpipe.transport import control, status
 from lfpipe.transport.clock import MS_NS, now_ns
+from lfpipe.transport.control import Answer
 from lfpipe.transport.ring_io import RingInput, RingOutput, StageSpec
 from lfpipe.transport.status import State
 
@@ -43,6 +44,7 @@ class Context:
         # kept until the end: mappings must outlive their views
         self._open: list[RingInput | RingOutput] = []
         self._commands: list[tuple[str, control.Message]] = []
+        self._answers: list[Answer] = []
         self._zmq = control.context()
         self._ctl = self._zmq.socket(zmq.DEALER)
         self._ctl.setsockopt(zmq.IDENTITY, spec.name.encode())
@@ -130,16 +132,20 @@ class Context:
         with contextlib.suppress(zmq.Again):
             self._bus.send(control.encode(message), zmq.NOBLOCK)
 
+    def notify(self, text: str) -> None:
+        """Notifies the user."""
+        self.emit("notice", text=text)
+
     def report_lost(self, why: str) -> None:
         """Reports that a file of the session ended early, or was not written: then the session's
         exit code is not 0.
         """
         self.row["lost_outputs"] += 1
-        self.emit("notice", text=why)
+        self.notify(why)
 
     def request(self, word: str, **values: Any) -> None:
         """Sends the supervisor a command, as `lfpipe ctl` would; its answer appears in
-        `commands`.
+        `answers`.
         """
         self._ctl.send(control.encode({"cmd": word, **values}))
         self._used = True
@@ -157,11 +163,17 @@ class Context:
 
     def commands(self) -> list[tuple[str, control.Message]]:
         """Commands since the last call, as (command, message). A change of configuration is already
-        in `config`. The answer to a `request` is ("", answer).
+        in `config`.
         """
         self.news = False
         taken = self._commands
         self._commands = []
+        return taken
+
+    def answers(self) -> list[Answer]:
+        """Answers since the last call, to a `request`."""
+        taken = self._answers
+        self._answers = []
         return taken
 
     def wait(self, until_ns: int | None = None, inputs: bool = True) -> bool:
@@ -207,8 +219,9 @@ class Context:
             self.news = True
             message = control.decode(self._ctl.recv())
             word = message.get("cmd", "")
-            answered = "ok" in message
-            if word == "stop" and not answered:
+            if "ok" in message and "config" not in message:
+                self._answers.append(Answer.of(message))
+            elif word == "stop":
                 self.stopping = True
             elif word in ("config", "hello") and "config" in message:
                 snapshot = self._converter.structure(message, Snapshot)
@@ -218,7 +231,7 @@ class Context:
                 self._rev = snapshot.rev
                 logger.debug("has revision %d", self._rev)
             else:
-                self._commands.append(("" if answered else word, message))
+                self._commands.append((word, message))
 
     def close(self) -> None:
         """Closes the sockets; the mappings end with the process."""

@@ -25,9 +25,10 @@ from lfpipe.config.modes import (
 )
 from lfpipe.host.worker import Worker
 from lfpipe.scene.open_scene import PackerRequest, Packing
-from lfpipe.supervisor import live_session, metrics, scene_loads
+from lfpipe.supervisor import metrics, reply_executor, scene_loads
+from lfpipe.supervisor.check_service import FileChecks
 from lfpipe.supervisor.control_sockets import ControlSockets, Request
-from lfpipe.supervisor.file_checks import FileCheck, FileChecks
+from lfpipe.supervisor.file_checks import FileCheck
 from lfpipe.supervisor.process_table import METRICS, STAGES
 from lfpipe.supervisor.scene_loads import ScenePreviews
 from lfpipe.transport import control
@@ -102,7 +103,7 @@ def test_wire_format_of_requests_to_children(asked: list[Any]) -> None:
     Packing(PackerRequest(do="info", scenes=[Path("/c")], settings=Scene()))
     ScenePreviews(print).begin(["/a", "/b"], Scene())
     check = FileCheck(check="share", path="osc:h:1", targets=("osc:h:1",), running=("lsl",))
-    FileChecks().begin(Request(b"client", message={"cmd": "share"}), check)
+    FileChecks(set).begin(Request(b"client", message={"cmd": "share"}), check)
     assert_same("requests to children", json.loads(json.dumps(asked)))
     for step in WIRE["steps of the packer"]:
         packing.on_step(step)
@@ -126,7 +127,7 @@ def test_wire_format_of_messages_to_the_window(
     reader = previews._reader
     assert reader is not None
     reader.on_step({"preview": "/a", "data": "aGk="})
-    previews.update()
+    previews.read()
     assert_same("messages to the window", [control.decode(control.encode(one)) for one in sent])
 
 
@@ -171,8 +172,8 @@ def test_wire_format_of_metrics(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_wire_format_of_answers(tmp_path: Path) -> None:
     asked = Request(b"client", message={"v": 1, "cmd": "load", "id": 7})
-    answers: list[Any] = [{"ok": True, "applied": False}, live_session.INTERNAL]
-    answers.append(live_session.REPLACED)
+    answers: list[Any] = [{"ok": True, "applied": False}, reply_executor.INTERNAL]
+    answers.append(reply_executor.REPLACED)
     sent: list[bytes] = []
     with control.context() as ctx, closing(ControlSockets(ctx, tmp_path)) as sockets:
         sockets._send = lambda client, data: sent.append(data)  # type: ignore[method-assign]
