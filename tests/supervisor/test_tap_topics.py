@@ -35,6 +35,6 @@ def test_topics_are_those_that_the_code_sends() -> None:
 def test_topics_are_listed_in_the_contracts() -> None:
     page = (ROOT / "docs" / "contracts.md").read_text()
     for topic in TOPICS:
-        row = f"| `{topic.name}` | {', '.join(topic.writers)} |"
+        row = f"- `{topic.name}` ({', '.join(topic.writers)}): "
         (line,) = [line for line in page.splitlines() if line.startswith(row)]
         assert all(f"`{field}`" in line for field in topic.fields), line
