@@ -41,14 +41,12 @@ STOP_S, LOAD_S = 30.0, 900.0  # a recording is completed at the end; a large sce
 
 @attrs.frozen(eq=False)
 class Frame:
-    """A camera frame.
-
-    picture: uint8 (height, width, 3) BGR, a copy. stamp: source_seq, t_sensor_ns, t_read_ns,
-    skipped, ...
-    """
+    """A camera frame."""
 
     picture: NDArray[np.uint8]
+    """uint8 (height, width, 3) BGR, a copy."""
     stamp: Stamp
+    """source_seq, t_sensor_ns, t_read_ns, skipped, ..."""
 
 
 class Attachment:

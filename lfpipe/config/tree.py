@@ -29,22 +29,25 @@ Anaglyph = Literal[
 
 @attrs.frozen
 class Key:
-    """Meaning and limits of a value. types: of int, float, str and bool, those that it may have.
-    words: values besides.
-    low and high: range of a number, inclusive; without them every number is valid. live: `lfpipe
-    ctl set` may change it, so the stage that uses the key must reread `context.config`. replays:
-    whether it can change what a replay computes.
-    """
+    """Meaning and limits of a value."""
 
     default: Any
     doc: str
+    """In one line."""
     unit: str
     low: float
+    """Of a number, inclusive; without limits every number is valid."""
     high: float
+    """Likewise."""
     live: bool
+    """`lfpipe ctl set` may change it, so the stage that uses the key must reread `context.config`.
+    """
     replays: bool
+    """Whether it can change what a replay computes."""
     types: tuple[type, ...] = ()
+    """Of int, float, str and bool, those that it may have."""
     words: tuple[str | int, ...] = ()
+    """Values besides."""
 
 
 def key(

@@ -17,14 +17,14 @@ _PERIOD_GAIN = 0.05  # of each new period in the average
 
 @attrs.frozen
 class Presented:
-    """serial: number of the picture. t_ns: the vertical blank that shows it (CLOCK_MONOTONIC), 0 if
-    it was never shown.
-    period_ns: of the screen, 0 if unknown.
-    """
+    """When a picture was shown."""
 
     serial: int
+    """Number of the picture."""
     t_ns: int
+    """The vertical blank that shows it (CLOCK_MONOTONIC); 0 if it was never shown."""
     period_ns: int
+    """Of the screen; 0 if unknown."""
 
 
 class _Complete(ctypes.Structure):

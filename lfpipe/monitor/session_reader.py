@@ -105,7 +105,8 @@ class Sample:
     """A session at one moment."""
 
     metrics: SessionMetrics
-    settings: Snapshot | None = None  # None if the session does not answer
+    settings: Snapshot | None = None
+    """None if the session does not answer."""
 
 
 class Follower:

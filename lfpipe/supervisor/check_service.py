@@ -26,8 +26,8 @@ class CheckEvent:
     """The end of a check."""
 
     request: Request
-    # what the child found, or why it refused
     result: Message | Exception
+    """What the child found, or why it refused."""
 
 
 class FileChecks(Service):

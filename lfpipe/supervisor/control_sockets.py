@@ -25,10 +25,13 @@ SLICE_NS = 20 * MS_NS
 class Request:
     """A message of a client, not checked before `decode`."""
 
-    client: bytes  # the identity of its socket; a stage's is the stage's name
-    connection: int = -1  # descriptor of its connection, -1 if unknown
+    client: bytes
+    """The identity of its socket; a stage's is the stage's name."""
+    connection: int = -1
+    """Descriptor of its connection, -1 if unknown."""
     parts: list[bytes] = attrs.field(factory=list)
-    message: Message = attrs.field(factory=dict)  # as far as it can be read
+    message: Message = attrs.field(factory=dict)
+    """As far as it can be read."""
 
     @property
     def command(self) -> str:

@@ -23,18 +23,18 @@ class FileCheck:
     """What the child does for a request."""
 
     check: Literal["trace", "record", "share", "keep", "keep depth"]
-    # of the output, the settings or the pack; messages name it
     path: str
-    # the source of frames: an input, which no output may replace
+    """Of the output, the settings or the pack; messages name it."""
     source: str = ""
-    # the folder of the running recording, likewise
+    """The source of frames: an input, which no output may replace."""
     record: str = ""
-    # targets to share with
+    """The folder of the running recording, likewise."""
     targets: tuple[str, ...] = ()
-    # targets that are shared with already
+    """Targets to share with."""
     running: tuple[str, ...] = ()
-    # settings to write to [section]
+    """Targets that are shared with already."""
     section: str = ""
+    """Settings to write to [section]."""
     values: Mapping[str, Any] = attrs.field(factory=dict)
 
     @property

@@ -42,14 +42,14 @@ Rows = Mapping[str, NDArray[np.void]]
 
 @attrs.frozen
 class Load:
-    """A stage's work within span_s.
-
-    done: completed outputs. missed: outputs that were due but never made.
-    """
+    """A stage's work within a span of time."""
 
     done: int = 0
+    """Completed outputs."""
     missed: int = 0
+    """Outputs that were due but never made."""
     busy_ns: int = 0
+    """Time spent working."""
     span_s: float = 0.0
 
     def plus(self, more: Load) -> Load:
@@ -69,14 +69,14 @@ class Load:
 
 @attrs.frozen
 class Step:
-    """A change of level by one.
-
-    stage: the lagging one, "" when raising. load: its work while it lagged.
-    """
+    """A change of level by one."""
 
     level: int
+    """The new level."""
     stage: str = ""
+    """The lagging stage; "" when the level is raised."""
     load: Load = Load()
+    """The work of the stage while it lagged."""
 
     @property
     def reason(self) -> str:
@@ -94,13 +94,14 @@ class Step:
 
 @attrs.define
 class _Stage:
-    """silent: the work since it last made or missed something. lag_s: how long it has lagged,
-    lagging: its work meanwhile.
-    """
+    """What the governor knows of a stage."""
 
     silent: Load = Load()
+    """Its work since it last made or missed an output."""
     lag_s: float = 0.0
+    """How long it has lagged."""
     lagging: Load = Load()
+    """Its work meanwhile."""
 
     def take(self, sample: Load) -> bool | None:
         """Adds a sample; returns whether there was room, None if unknown."""

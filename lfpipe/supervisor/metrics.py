@@ -25,40 +25,40 @@ SEATED = "seated"  # the viewer of a session without pictures, while tracking se
 class StageMetrics:
     """One stage."""
 
-    # a name of `State`
     state: str
-    # the work that blocks it, and for how long; "" if none
+    """A name of `State`."""
     busy_with: str
-    # outputs per second
+    """The work that blocks it, and for how long; "" if none."""
     fps: float
-    # of its busy time
+    """Outputs per second."""
     p50_ms: float
+    """Of its busy time."""
     p95_ms: float
     p99_ms: float
     max_ms: float
-    # from publication by the previous stage until taken by this one
     wait: Times
-    # from taken to published
+    """From publication by the previous stage until taken by this one."""
     busy: Times
-    # inputs that it lost
+    """From taken to published."""
     dropped: int
-    # outputs
+    """Inputs that it lost."""
     count: int
+    """Outputs."""
     pid: int
-    # inputs left out on purpose
     left_out: int
-    # refreshes of the display without a picture from it
+    """Inputs left out on purpose."""
     missed: int
+    """Refreshes of the display without a picture from it."""
     restarts: int
     cpu_s: float
-    # whether its newest input showed a face
     face: bool
-    # the cores that it may use now
+    """Whether its newest input showed a face."""
     cpus: list[int]
-    # the metrics that it declares, by name: of type `transport.metrics.Value`
+    """The cores that it may use now."""
     metrics: dict[str, Any]
-    # of a monitor that watches for a while
+    """The metrics that it declares, by name: of type `transport.metrics.Value`."""
     cpu_percent: float | None = None
+    """Of a monitor that watches for a while."""
     rss_mb: float | None = None
 
     @classmethod
@@ -97,10 +97,10 @@ class Judder:
     """Refreshes of a screen that reports its vertical blanks."""
 
     planned: int
-    # those that showed another picture than planned
     juddered: int
-    # None if no screen reports its vertical blanks
+    """Those that showed another picture than planned."""
     percent: float | None
+    """None if no screen reports its vertical blanks."""
 
 
 @attrs.frozen(kw_only=True)
@@ -118,23 +118,23 @@ class SessionMetrics:
     session: str
     uptime_s: float
     camera_fps: float
-    # a warning if the camera delivers clearly fewer frames than agreed
     camera_light: str
-    # of quality; 0 is full
+    """A warning if the camera delivers clearly fewer frames than agreed."""
     level: int
+    """Of quality; 0 is full."""
     lowest_level: int
-    # what is reduced; perhaps of another level during a change
     level_words: str
-    # the viewer's presence
+    """What is reduced; perhaps of another level during a change."""
     viewer: str
-    # for people
+    """The viewer's presence."""
     notices: list[str]
+    """For people."""
     stages: dict[str, StageMetrics]
-    # age of a picture, from the sensor's stamp to its presentation
     end_to_end: Times
+    """Age of a picture, from the sensor's stamp to its presentation."""
     judder: Judder
-    # how far ahead of the sensor's stamp the eyes are predicted
     prediction: Times
+    """How far ahead of the sensor's stamp the eyes are predicted."""
     motion_to_photon: MotionToPhoton
 
     @property

@@ -18,15 +18,17 @@ EXECUTE_NS = 2 * SECOND_NS  # time limit for the stages to execute a command
 
 @attrs.define(kw_only=True)
 class _Pending:
-    """A request that waits for the stages. answer: its answer, as far as it is known. rev: the
-    revision that they apply; 0 if they execute a command. missing: those that have not executed it.
-    """
+    """A request that waits for the stages."""
 
     request: Request
     answer: Message
+    """Its answer, as far as it is known."""
     until_ns: int
+    """When it is answered at the latest."""
     rev: int = 0
+    """The revision that the stages apply; 0 if they execute a command."""
     missing: set[str] = attrs.field(factory=set)
+    """The stages that have not executed it."""
 
 
 class PendingAnswers:

@@ -26,23 +26,27 @@ def _feeds(options: SessionOptions) -> bool:
 
 @attrs.frozen(kw_only=True)
 class Stage:
-    """A process. needed: whether a session with these options runs it.
-
-    optional: few sessions run it, and no picture waits for it. own_core: on two cores it avoids the
-    first. startup_timeout_s: from spawn to READY, or to open another scene or camera.
-    hang_timeout_s: longest time without a beat after that.
-    """
+    """A process."""
 
     name: str
     module: str
+    """With `main(context)`."""
     needed: Callable[[SessionOptions], bool]
+    """Whether a session with these options runs it."""
     reads: tuple[str, ...] = ()
+    """Rings."""
     writes: tuple[str, ...] = ()
+    """Rings."""
     metrics: MetricSet = NO_METRICS
+    """What it declares in its own package."""
     optional: bool = False
+    """Few sessions run it, and no picture waits for it."""
     own_core: bool = False
+    """On two cores it avoids the first."""
     startup_timeout_s: float = 15.0
+    """From spawn to READY, or to open another scene or camera."""
     hang_timeout_s: float = 2.0
+    """Longest time without a heartbeat after that."""
 
 
 FRAMES_BYTES = 16 << 20  # a recorder may fall behind by the number of slots minus two

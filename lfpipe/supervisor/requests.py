@@ -47,15 +47,24 @@ class Reply:
     """
 
     answer: Message = attrs.field(factory=dict)
-    state: SessionState | None = None  # to store; a new revision goes to the stages
-    load: PackerRequest | None = None  # the real reply comes from `on_load`
-    previews: tuple[str, ...] | None = None  # scenes to read for the page that offers them
-    check: FileCheck | None = None  # the real reply comes from `respond_checked`
-    dialog: Literal["folder", "file"] | None = None  # the real reply comes from `on_chosen`
-    executed_by: tuple[str, ...] = ()  # the stages that execute the command, and then answer
-    with_stages: bool = False  # the answer gets the figures of the stages
-    silent: bool = False  # nothing is answered
-    stop: bool = False  # the session ends
+    state: SessionState | None = None
+    """To store; a new revision goes to the stages."""
+    load: PackerRequest | None = None
+    """The real reply comes from `on_load`."""
+    previews: tuple[str, ...] | None = None
+    """Scenes to read for the page that offers them."""
+    check: FileCheck | None = None
+    """The real reply comes from `respond_checked`."""
+    dialog: Literal["folder", "file"] | None = None
+    """The real reply comes from `on_chosen`."""
+    executed_by: tuple[str, ...] = ()
+    """The stages that execute the command, and then answer."""
+    with_stages: bool = False
+    """The answer gets the figures of the stages."""
+    silent: bool = False
+    """Nothing is answered."""
+    stop: bool = False
+    """The session ends."""
 
 
 Handler = Callable[[SessionState, Message, int], Reply]

@@ -29,14 +29,14 @@ Send = Callable[[Message], None]  # to the stage that shows pictures
 
 @attrs.frozen
 class SceneEvent:
-    """What a packer has come to. request: the one that wants the scene; None for the scene on the
-    screen. scene: it can be shown now, or why it cannot. scenes: the paths of the light fields that
-    the wanted path stands for; the scene is the first.
-    """
+    """A result of a packer."""
 
     request: Request | None
+    """The request for the scene; None for the scene on the screen."""
     scene: SceneSummary | Exception
+    """The scene, which can be shown now, or why it cannot."""
     scenes: tuple[str, ...] = ()
+    """The light fields in the requested path; the scene is the first."""
 
 
 class _Load:

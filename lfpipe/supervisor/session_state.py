@@ -46,20 +46,21 @@ class Basis:
 
 @attrs.frozen(kw_only=True)
 class SessionState:
-    """config, options, paused: used by the stages. rev: counts changes. pictures_until_ns: end of
-    the lease of the ring of pictures, 0 without one. pictures_px: (height, width) of that ring.
-    zero_planes_px: of scenes shown before, by pack. known_good: the basis that is known
-    to work.
-    """
+    """The state of a session. The stages use config, options and paused."""
 
     config: Config
     options: SessionOptions
     known_good: Basis = attrs.field(default=attrs.Factory(lambda self: self.basis, takes_self=True))
+    """The basis that is known to work."""
     paused: bool = False
     rev: int = 1
+    """Counts changes."""
     pictures_until_ns: int = 0
+    """End of the lease of the ring of pictures; 0 without one."""
     pictures_px: tuple[int, int] = (0, 0)
+    """(height, width) of that ring."""
     zero_planes_px: Mapping[str, float | Literal["auto"]] = attrs.field(factory=dict)
+    """Of scenes shown before, by pack."""
 
     @classmethod
     def first(cls, config: Config, options: SessionOptions) -> SessionState:
