@@ -10,7 +10,7 @@ class UserError(Exception):
     """A mistake of the user's or of their machine, never of the program's: printed without
     traceback, exit code 2.
 
-    message names the thing and the value; remedy says what to do about it. Both may quote names and
+    message names the thing and the value; remedy is what to do about it. Both may quote names and
     values from files that nobody has checked: they are made `plain` and short here, so that every
     terminal, log and message can carry them.
     """
@@ -55,5 +55,5 @@ def quoted(value: object) -> str:
     try:
         text = _short.repr(value)
     except ValueError:  # Python refuses to print the longest
-        text = "an endless whole number"
+        text = "an integer with too many digits"
     return text if len(text) <= 2 * VALUE_CHARS else text[: 2 * VALUE_CHARS] + "..."

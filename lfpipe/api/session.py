@@ -69,7 +69,7 @@ class Attachment:
     def _require_session(self) -> None:
         """Raises UserError once the session has ended, or this object was closed."""
         if self._closed:
-            raise UserError(f"session {self.name!r} was closed here", "attach to it again")
+            raise UserError(f"session {self.name!r} was closed here", "attach again")
         if not self._watch.living():
             raise UserError(f"session {self.name!r} has ended{self._end()}", "start another one")
 
@@ -172,7 +172,7 @@ class Attachment:
         self.wait(STOP_S)
 
     def close(self) -> None:
-        """Detaches; the session goes on. May be called again."""
+        """Detaches; the session continues. May be called again."""
         if self._closed:
             return
         self._closed = True
@@ -338,14 +338,14 @@ def _command_line(
     settings: Mapping[str, Any],
     **options: str | os.PathLike[str] | None,
 ) -> list[str]:
-    """The words of a command about `what`, without the options that are None."""
+    """The arguments of a command about `what`, without the options that are None."""
     given = {name: os.fspath(value) for name, value in options.items() if value is not None}
     sets = (f"--set={key}={json.dumps(value)}" for key, value in settings.items())
     return [command, what, *(f"--{name}={value}" for name, value in given.items()), *sets]
 
 
 def _by_parameter(text: str) -> str:
-    """A command's words about its options, as those of the parameters of `Session`."""
+    """A command's message about its options, as one about the parameters of `Session`."""
     text = re.sub(r"--(camera|display|trace) '?([^\s,;']*[^\s,;':])'?", r"\1='\2'", text)
     text = re.sub(r"--(camera|display|trace)\b", r"\1", text)
     return re.sub(r"--session( name)?\b", "name", text)

@@ -268,8 +268,8 @@ class Render:
         True,
         live=True,
         doc=(
-            "at the edge of the grid, keep the distance of the eyes and stop their middle; no: stop"
-            " each eye, as the paper does"
+            "at the grid edge: true clamps the midpoint and keeps the eye distance; false clamps"
+            " each eye, as in the paper"
         ),
     )
     swap_eyes: bool = key(

@@ -52,7 +52,7 @@ class Header:
     frames: int = 1
     """Of an animation, or pictures in one file."""
     eyes: tuple[int, ...] = ()
-    """Which frames are the left and the right eye's; empty where the file does not say."""
+    """Which frames are the left and the right eye's; empty if unknown."""
     has_depth: bool = False
     """As a part of a HEIC picture."""
 

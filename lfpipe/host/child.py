@@ -1,4 +1,4 @@
-"""The one way to start a child process, and the one judge of a silent one.
+"""Starts child processes, and decides when a silent one hangs.
 
 Parent: `Child(python("MODULE"), b"...")` holds the child's standard input open. Child: reads its
 first line and calls `end_with_parent`, which ends the child when that pipe ends.
@@ -63,7 +63,7 @@ class Child:
         self.pid = self.process.pid
         assert self.process.stdin is not None
         if line:
-            with contextlib.suppress(BrokenPipeError):  # its exit code says why
+            with contextlib.suppress(BrokenPipeError):  # `exit_code` then reports it
                 self.process.stdin.write(line + b"\n")
 
     def pipes(self) -> list[IO[bytes]]:
@@ -89,7 +89,7 @@ class Child:
         self.process.send_signal(signum)
 
     def end(self) -> None:
-        """Closes its standard input, which asks it to end."""
+        """Closes its standard input, which ends it."""
         assert self.process.stdin is not None
         self.process.stdin.close()
 

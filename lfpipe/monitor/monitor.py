@@ -152,8 +152,8 @@ def screen_text(name: str, state: Sample | None, note: str = "") -> Text:
 
 
 def fitted(text: Text, width: int, height: int) -> Text:
-    """The part of text that fits a terminal of that size; its last line then says how much is left
-    out.
+    """The part of text that fits a terminal of that size; its last line then states how much is
+    left out.
     """
     lines = text.split("\n")
     columns = max(line.cell_len for line in lines) - width
@@ -168,7 +168,7 @@ def fitted(text: Text, width: int, height: int) -> Text:
 
 
 def press(name: str, key: str) -> str:
-    """Sends the session what a key means; returns one line for the person, "" for an unknown key.
+    """Runs the command bound to a key; returns a status line, "" for an unknown key.
 
     Raises UserError.
     """

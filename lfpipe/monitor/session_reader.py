@@ -24,7 +24,7 @@ from lfpipe.transport.status import Table
 
 # of what monitors show: long enough for a p99 at 30 Hz, short enough to see a change
 WINDOW_S = 10.0
-HELLO_S = 0.5  # timeout for the settings; figures need no answer
+HELLO_S = 0.5  # timeout for the settings; metrics need no answer
 Rows = dict[str, NDArray[np.void]]
 HISTOGRAMS = ("wait", "busy", "age", "histograms")
 
@@ -61,7 +61,7 @@ class Watch:
             ) from None
 
     def read(self, rows: Rows | None = None) -> SessionMetrics:
-        """The figures since the session began, or those in a copy of the table's rows."""
+        """The metrics since the session began, or those in a copy of the table's rows."""
         return session_metrics(
             self.session.name,
             self.table.rows if rows is None else rows,
@@ -125,7 +125,7 @@ class Follower:
         self._revision = -1  # of the settings
 
     def read(self) -> Sample | None:
-        """The figures with the times of the last WINDOW_S, and the settings; None without a
+        """The metrics with the times of the last WINDOW_S, and the settings; None without a
         session.
         """
         if self.watch is not None and not self.watch.living():

@@ -110,7 +110,7 @@ class ControlSockets:
 
     def _arrived(self, socket: zmq.Socket[bytes]) -> Iterator[list[zmq.Frame]]:
         """At most SLICE messages, as their parts. After so many, the sockets rest: a flood delays
-        neither frames nor other clients, whom ZeroMQ serves in turn, and waits in its senders.
+        neither frames nor other clients, and waits in its senders.
         """
         if self.rest_ns():
             return

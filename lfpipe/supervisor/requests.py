@@ -28,7 +28,7 @@ from lfpipe.transport.control import BadMessage, Message
 
 logger = logging.getLogger(__name__)
 # outputs that can begin and end while a session runs:
-# request -> the option that holds its path, its name in words, the command that a person types
+# request -> the option that holds its path, its name, the command that a user types
 OUTPUTS = {
     "trace": ("timeline", "trace", "lfpipe trace"),
     "record": ("record", "recording", "lfpipe ctl record"),
@@ -60,7 +60,7 @@ class Reply:
     executed_by: tuple[str, ...] = ()
     """The stages that execute the command, and then answer."""
     with_stages: bool = False
-    """The answer gets the figures of the stages."""
+    """The answer includes the metrics of the session."""
     silent: bool = False
     """Nothing is answered."""
     stop: bool = False

@@ -1,5 +1,5 @@
-"""The packers of a session: one works on the disparity of the scene on the screen, one on the scene
-that a request wants, one on small pictures for the page that offers scenes.
+"""The packers of a session: one for the disparity of the scene on screen, one for a requested
+scene, one for the previews on the page of scenes.
 """
 
 import logging
@@ -23,7 +23,7 @@ from lfpipe.transport.control import Message
 logger = logging.getLogger(__name__)
 STEP_NS = SECOND_NS // 5  # between two reports of progress
 WANTED, SHOWN = "wanted", "shown"  # scenes: of a request, and on the screen
-MAX_NAME_CHARS = 200  # more than a window has room for
+MAX_NAME_CHARS = 200  # more than fits a window
 Send = Callable[[Message], None]  # to the stage that shows pictures
 
 
@@ -40,7 +40,7 @@ class SceneEvent:
 
 
 class _Load:
-    """A packer at work, and what was reported of its progress."""
+    """A running packer, and its last reported progress."""
 
     def __init__(self, packing: Packing, send: Send, request: Request | None = None) -> None:
         self.packing = packing
@@ -141,7 +141,7 @@ class SceneLoads(Service):
             events.append(event)
             if isinstance(event.scene, SceneSummary):
                 self._end(SHOWN)
-            if event.scene is load.packing.views:  # the packer goes on with its disparity
+            if event.scene is load.packing.views:  # the packer continues with its disparity
                 load.report(end=True)
                 self._loads = {SHOWN: _Load(load.packing, self._send)}
             else:
@@ -167,7 +167,7 @@ def _reply(state: SessionState, event: SceneEvent, message: Message) -> Reply:
 
 
 class _PreviewReader(Worker):
-    """The packer at work on previews. left: the scenes that have not had their turn yet."""
+    """The packer that reads previews. left: the scenes that are not read yet."""
 
     def __init__(self, scenes: Sequence[str], settings: Scene, send: Send) -> None:
         self.left = list(scenes)
@@ -177,7 +177,7 @@ class _PreviewReader(Worker):
         super().__init__("lfpipe.scene.packer", attrs.asdict(request), scenes[0], SILENT_S)
 
     def on_step(self, step: dict[str, Any]) -> None:
-        """Passes on a preview; the packer also tells what it decided."""
+        """Passes on a preview; other steps are for its log."""
         if "preview" in step:
             self.left.pop(0)
             self._send({"cmd": "preview", "scene": step["preview"], "data": step["data"]})
@@ -208,7 +208,7 @@ class ScenePreviews(Service):
         return iter(())
 
     def read(self) -> None:
-        """Passes on what was read; goes on with the next scene if one has ended the child."""
+        """Passes on what was read; continues with the next scene if one has ended the child."""
         reader = self._reader
         if reader is not None:
             reader.read()

@@ -26,10 +26,10 @@ logger = logging.getLogger(__name__)
 MAX_RESTARTS_WINDOW_S, MAX_FAILURES = 60.0, 5  # give up after five failures in a minute
 FIRST_BACKOFF_S = 0.1  # doubled from one failure to the next
 MAX_STACK = 4000  # characters reported
-BUSY_S = 60.0  # without a beat: time for a disk to spin up, or for a network to return
+BUSY_S = 60.0  # without a heartbeat: time for a disk to spin up, or for a network to return
 # times these limits while it uses a CPU: emulated, one search for a face takes seconds
 COMPUTING = 5
-# Time of its own on a CPU, without a beat: emulated, one search for a face takes more than 10 s. In
+# CPU time without a heartbeat: emulated, one search for a face takes more than 10 s. In
 # a lossless replay nobody waits for a picture.
 LIVE_CPU_S, LOSSLESS_CPU_S = 30.0, 60.0
 # after such a gap between checks, the supervisor was stopped or starved, probably like the stages
@@ -110,7 +110,7 @@ class StageProcess:
         return code
 
     def hang_reason(self) -> str:
-        """Why the process counts as hung, or "": it gave no beat for longer than its phase allows.
+        """Why the process counts as hung, or "": no heartbeat for longer than its phase allows.
         Call often.
 
         Running: the stage's hang_timeout_s. Starting, or within `Context.setting_up`:
@@ -126,12 +126,12 @@ class StageProcess:
         if t_ns - self._checked_ns > ASLEEP_S * 1e9:
             self._awake_ns = t_ns  # the machine was suspended, or starved all processes alike
         self._checked_ns = t_ns
-        words = busy_work(row)
+        work = busy_work(row)
         sets_up = row["state"] == State.STARTING or not row["ready_ns"]
-        if row["state"] == State.STOPPING and not words:
+        if row["state"] == State.STOPPING and not work:
             return ""
         silent_s = (t_ns - max(int(row["beat_ns"]), int(row["started_ns"]), self._awake_ns)) / 1e9
-        limit_s = BUSY_S if words else stage.hang_timeout_s
+        limit_s = BUSY_S if work else stage.hang_timeout_s
         if sets_up:
             limit_s = stage.startup_timeout_s
         if silent_s <= limit_s:
@@ -147,13 +147,13 @@ class StageProcess:
         if not patience.exceeded(silent_s, cpu_s, is_computing(cpu_s, silent_s), on_disk):
             return ""
         return (
-            f"{words + ': ' if words else ''}{'not ready after' if sets_up else 'no beat for'}"
+            f"{work + ': ' if work else ''}{'not ready after' if sets_up else 'no beat for'}"
             f" {silent_s:.1f} s"
         )
 
     @property
     def saving_description(self) -> str:
-        """The results that the process is writing at its end, in words, while it makes progress;
+        """A description of the results that the process writes at its end, while it makes progress;
         else "".
         """
         return (
@@ -236,7 +236,7 @@ class StageProcesses:
         return [one.process.ended_fd for one in self if one.process is not None]
 
     def ensure_running(self, options: SessionOptions) -> None:
-        """Starts stages that are needed, and asks stages that are no longer needed to stop."""
+        """Starts the stages that are needed, and stops the others."""
         for process in self:
             needed = process.stage.needed(options)
             process.must_run = needed and not self._drain_since_ns

@@ -1,6 +1,4 @@
-"""The interface of a stage: its configuration, its rings with wake-ups, its status row, and one
-place to wait.
-"""
+"""The stage API: configuration, rings, status row, and the only blocking call."""
 
 import contextlib
 import gc
@@ -20,13 +18,13 @@ from lfpipe.transport.ring_io import RingInput, RingOutput, StageSpec
 from lfpipe.transport.status import State
 
 logger = logging.getLogger(__name__)
-BEAT_NS = 100 * MS_NS  # longest wait of a stage without a beat
+BEAT_NS = 100 * MS_NS  # longest wait of a stage without a heartbeat
 
 
 class Context:
     """Everything a stage needs.
 
-    A stage sleeps only in `wait`, which beats, receives commands and detects the stop.
+    A stage sleeps only in `wait`, which sends heartbeats, receives commands and detects the stop.
     """
 
     def __init__(self, spec: StageSpec) -> None:
@@ -38,7 +36,7 @@ class Context:
         self.stopping = False
         self.paused = False
         self.cores = usable_cores()  # of the session: this is before the stage moves to its own
-        # a message arrived since the last call of `commands`: a stage without news need not look
+        # whether a message arrived since the last call of `commands`
         self.news = True
         self._inputs: list[RingInput] = []
         # kept until the end: mappings must outlive their views
@@ -74,8 +72,8 @@ class Context:
         return ring_output
 
     def ready(self) -> None:
-        """Ends the setup: from now on, a missing beat means a hang. What exists now is no garbage:
-        collections leave it out.
+        """Ends the setup: from now on, a missing heartbeat means a hang. Freezes the current
+        objects so that the garbage collector skips them (gc.freeze).
         """
         gc.freeze()
         self.row["epoch"] += 1
@@ -85,36 +83,35 @@ class Context:
         logger.info("ready after %.2f s", (now_ns() - int(self.row["started_ns"])) / 1e9)
 
     @contextlib.contextmanager
-    def busy_with(self, words: str) -> Iterator[None]:
-        """Wraps calls that may wait for a disk: the stage is then judged by its progress, not by
-        its beat.
+    def busy_with(self, work: str) -> Iterator[None]:
+        """Wraps calls that may wait for a disk: the stage then hangs only after a longer time.
 
-        words: a description for monitors, at most 32 bytes. See `StageProcess.hang_reason`.
+        work: a description for monitors, at most 32 bytes. See `StageProcess.hang_reason`.
         """
-        self.row.set_busy(words)
+        self.row.set_busy(work)
         try:
             yield
         finally:
             self.row.set_busy("")
 
     @contextlib.contextmanager
-    def setting_up(self, words: str) -> Iterator[None]:
-        """Like `busy_with`, for work that may also compute for long: the stage is judged as during
-        its start.
+    def setting_up(self, work: str) -> Iterator[None]:
+        """Like `busy_with`, for work that may also compute for long: the limits are those of a
+        start.
         """
         before = self.row["state"]
         self.row["state"] = State.STARTING
         try:
-            with self.busy_with(words):
+            with self.busy_with(work):
                 yield
         finally:
             self.row["state"] = before
 
     @contextlib.contextmanager
-    def saving(self, words: str) -> Iterator[None]:
+    def saving(self, work: str) -> Iterator[None]:
         """Like `busy_with`, for writing results at the end: the end of the session waits for it."""
         self.row["state"] = State.STOPPING
-        with self.busy_with(words):
+        with self.busy_with(work):
             yield
 
     def wait_for_others(self) -> bool:

@@ -86,7 +86,7 @@ class Session:
     @property
     def run(self) -> str:
         """This run of the session, for other programs: unlike its name, no other run has it. It
-        does not tell the token.
+        does not reveal the token.
         """
         return f"{self.name}.{hashlib.sha256(self.token.encode()).hexdigest()[:12]}"
 
@@ -132,7 +132,7 @@ class Session:
 
 @attrs.frozen(kw_only=True)
 class SessionManifest:
-    """What the file `session.json` in the run directory says of a running session."""
+    """The file `session.json` in the run directory of a running session."""
 
     session: str
     """Its name."""

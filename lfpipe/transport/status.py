@@ -75,13 +75,13 @@ ROW = np.dtype(
         ("config_rev", "<i8"),  # revision of the session state that it uses
         ("busy_ns", "<i8"),
         ("cpu_ns", "<i8"),
-        ("fault", "S96"),  # which part of the stage does not work now, in words; empty if all do
+        ("fault", "S96"),  # the part of the stage that does not work; empty if all do
         ("fault_since_ns", "<i8"),
         # outputs with a result while all parts worked, and those without it while one did not
         ("outputs_ok", "<i8"),
         ("outputs_faulty", "<i8"),
         ("busy_since_ns", "<i8"),  # start of the work in busy_with
-        ("busy_with", "S32"),  # work outside its loop, in words; empty in its loop
+        ("busy_with", "S32"),  # description of work outside its loop; empty in its loop
         ("recent_ns", "<i8", (RECENT,)),
         ("wait", HISTOGRAM),  # from publication by the previous stage until taken by this one
         ("busy", HISTOGRAM),  # from taken to published
