@@ -1,7 +1,11 @@
 """What a person did that cannot work, phrased so that they can fix it."""
 
+import json
 import reprlib
 
+# A program that starts lfpipe names a file in this variable of the environment: a failed command
+# writes its error there.
+ERROR_FILE = "LFPIPE_ERROR_FILE"
 # a screen of 80x24 holds a message with its remedy
 MESSAGE_CHARS, REMEDY_CHARS, VALUE_CHARS = 1500, 400, 60
 
@@ -22,6 +26,19 @@ class UserError(Exception):
 
     def __str__(self) -> str:
         return f"{self.message}\n  remedy: {self.remedy}" if self.remedy else self.message
+
+    def to_json(self) -> bytes:
+        """For another process."""
+        return json.dumps({"message": self.message, "remedy": self.remedy}).encode()
+
+    @classmethod
+    def from_json(cls, data: bytes) -> "UserError | None":
+        """The reverse of `to_json`; None for other data."""
+        try:
+            plain_error = json.loads(data)
+            return UserError(str(plain_error["message"]), str(plain_error["remedy"]))
+        except (ValueError, KeyError, TypeError):
+            return None
 
 
 def plain(text: str, most_chars: int = 4 * MESSAGE_CHARS) -> str:

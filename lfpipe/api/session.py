@@ -8,7 +8,6 @@ import os
 import re
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -21,9 +20,10 @@ from numpy.typing import ArrayLike, NDArray
 from lfpipe.api.scenes import ScenePath, scene_path
 from lfpipe.api.tracker import Eyes
 from lfpipe.config import Config, Snapshot, converter, updated
-from lfpipe.errors import UserError
+from lfpipe.errors import ERROR_FILE, UserError
 from lfpipe.files.safe_files import temporary_folder
 from lfpipe.host.child import NULL, Child, python
+from lfpipe.host.files import exists
 from lfpipe.monitor.session_reader import Watch
 from lfpipe.render.display.open_display import has_display
 from lfpipe.scene.lightfield import LightField
@@ -33,6 +33,7 @@ from lfpipe.transport import control
 from lfpipe.transport.ring import Reader, Stamp
 from lfpipe.transport.status import State
 
+CHECK = "check this machine with `lfpipe doctor`"
 LOOK_S = 0.001  # between two polls of a ring
 STOPPED = (0, -15, 143)  # exit codes of a session that did not fail
 START_S = 600.0  # a scene may be packed first
@@ -225,13 +226,16 @@ class Session(Attachment):
             display=display,
             trace=trace,
         )
-        self._errors = tempfile.TemporaryFile()  # noqa: SIM115  (open as long as the session)
-        self._output = ""  # by the session, once it has ended
+        self._cleanup = contextlib.ExitStack()
+        folder = self._cleanup.enter_context(temporary_folder("session"))
+        self._error_file = folder / "error.json"
+        self._error = UserError("the session ended at once", CHECK)  # if it leaves none
         self._closed = True  # nothing is open yet
         self._process = Child(
             python("lfpipe.host.child", "lfpipe", *words),
             stdout=NULL,
-            stderr=self._errors,
+            stderr=NULL,
+            env={**os.environ, ERROR_FILE: str(self._error_file)},
             own_session=True,
         )
         try:
@@ -259,12 +263,10 @@ class Session(Attachment):
         )
 
     def _failure(self) -> UserError:
-        if not self._errors.closed:
-            self._errors.seek(0)
-            self._output = self._errors.read().decode(errors="replace")
-            self._errors.close()
-        error = _printed(self._output, "the session ended at once")
-        return UserError(_by_parameter(error.message), _by_parameter(error.remedy))
+        if exists(self._error_file):
+            self._error = UserError.from_json(self._error_file.read_bytes()) or self._error
+        self._cleanup.close()
+        return UserError(_by_parameter(self._error.message), _by_parameter(self._error.remedy))
 
     def _end(self) -> str:
         if self._process.wait(STOP_S) in STOPPED:
@@ -288,7 +290,7 @@ class Session(Attachment):
         self._process.end()
         self._process.wait(STOP_S)
         self._process.close()
-        self._failure()  # keeps what the session printed, and closes the file
+        self._failure()  # keeps the error, and removes the file
 
     def __exit__(self, *_: object) -> None:
         self.stop()
@@ -315,19 +317,21 @@ def replay(
     """
     path = scene_path(scene, updated(Config(), settings or {}).scene)
     with temporary_folder("replay") as folder:
+        error_file = folder / "error.json"
         kept = Path(out) if out is not None else folder
         words = _command_line(
             "replay", str(sequence), settings or {}, pace=pace, out=kept, scene=path
         )
         done = subprocess.run(
             [sys.executable, "-m", "lfpipe", *words],
-            capture_output=True,
-            text=True,
-            errors="replace",
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, ERROR_FILE: str(error_file)},
             check=False,
         )
         if done.returncode != 0:
-            raise _printed(done.stderr, "it was killed")
+            error = UserError.from_json(error_file.read_bytes()) if exists(error_file) else None
+            raise error or UserError("the replay was killed", CHECK)
         report: dict[str, Any] = json.loads((kept / "report.json").read_text())
         return report
 
@@ -349,11 +353,3 @@ def _by_parameter(text: str) -> str:
     text = re.sub(r"--(camera|display|trace) '?([^\s,;']*[^\s,;':])'?", r"\1='\2'", text)
     text = re.sub(r"--(camera|display|trace)\b", r"\1", text)
     return re.sub(r"--session( name)?\b", "name", text)
-
-
-def _printed(text: str, otherwise: str) -> UserError:
-    """The error that a command printed last."""
-    message, _, remedy = (
-        text[text.rfind("error: ") :].removeprefix("error: ").strip().partition("\n  remedy: ")
-    )
-    return UserError(message or otherwise, remedy or "check this machine with `lfpipe doctor`")

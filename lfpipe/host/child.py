@@ -12,7 +12,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import IO
 
 import attrs
@@ -39,10 +39,11 @@ class Child:
         *,
         stdout: int | IO[bytes] | None = None,
         stderr: int | IO[bytes] | None = None,
+        env: Mapping[str, str] | None = None,
         own_session: bool = False,
     ) -> None:
-        """line: written to its standard input. own_session: signals of the terminal do not reach
-        it.
+        """line: written to its standard input. env: None for that of this process. own_session:
+        signals of the terminal do not reach it.
         """
         self.ended_fd, held = os.pipe()
         try:
@@ -52,6 +53,7 @@ class Child:
                 stdin=PIPE,
                 stdout=stdout,
                 stderr=stderr,
+                env=env,
                 pass_fds=(held,),
                 start_new_session=own_session,
             )

@@ -82,10 +82,7 @@ def _run_stage(spec: StageSpec, parent_pid: int, run_dir: Path, stack: TextIO) -
         importlib.import_module(spec.module).main(context)
     except UserError as error:
         logger.info("%s: %s", spec.name, error)
-        text = f"{error.message}\n{error.remedy}"
-        write_file(
-            crash_report_path(run_dir, "error", spec.name), text.encode(errors="backslashreplace")
-        )
+        write_file(crash_report_path(run_dir, "error", spec.name), error.to_json())
         code = EXIT_USER
     except Exception:
         logger.exception("%s failed", spec.name)

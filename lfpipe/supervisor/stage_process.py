@@ -190,8 +190,7 @@ class StageProcess:
 
     def mistake(self) -> UserError | None:
         """The user's mistake because of which the stage ended, if any."""
-        message, _, remedy = self._left("error").partition("\n")
-        return UserError(message, remedy) if message else None
+        return UserError.from_json(self._left("error").encode())
 
     def _left(self, what: str) -> str:
         path = child.crash_report_path(self._session.run_dir, what, self.stage.name)
