@@ -18,7 +18,6 @@ POSITIONAL = {
     "config": "Key",
     "render": "Item Pointer",
     "extras": "Outcome Sample",
-    "supervisor": "Outcome",
     "track": "Face",
     "transport": "Stamp",
 }

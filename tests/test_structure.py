@@ -16,6 +16,7 @@ LAYERS = (
     {"files"},
     {"config"},
     {"transport"},
+    {"notices"},
     {"scene", "sequence"},
     {"capture", "track", "render", "record"},
     {"supervisor"},

@@ -16,7 +16,7 @@ from typing import NoReturn
 import click
 
 from lfpipe import __version__
-from lfpipe.cli.terminal import say
+from lfpipe.cli.terminal import print_error, say
 from lfpipe.errors import UserError
 from lfpipe.host.terminal import protect_output
 from lfpipe.log import set_up
@@ -162,12 +162,11 @@ def _reader_ended() -> NoReturn:
 def _fail(error: UserError) -> NoReturn:
     log.debug("the command failed", exc_info=True)
     _drop_output()
-    text = f"error: {error}"
-    say(text)
+    print_error(error)
     if os.environ.get(FROM_MENU):  # there is no terminal
         from lfpipe.extras.exhibition.desktop import show_error
 
-        show_error(text)
+        show_error(f"error: {error}")
     sys.exit(2)
 
 

@@ -13,7 +13,7 @@ from lfpipe.capture.camera_list import NoCamera
 from lfpipe.capture.open_source import camera_name, camera_settings, check_source, clock_of
 from lfpipe.capture.spec import CameraSpec, parse_source, playing_once, source_file
 from lfpipe.cli.sessions import load_scene
-from lfpipe.cli.terminal import print_result, progress, say
+from lfpipe.cli.terminal import print_error, print_result, progress, say
 from lfpipe.config import Config, SessionOptions
 from lfpipe.config.modes import (
     CameraViewer,
@@ -50,7 +50,7 @@ from lfpipe.scene.open_scene import Opened, Packing, open_scenes
 from lfpipe.scene.pack import summarize
 from lfpipe.scene.recent_scenes import recent_scenes, remember_scene
 from lfpipe.supervisor import rundir
-from lfpipe.supervisor.live_session import Outcome
+from lfpipe.supervisor.effects import Outcome
 from lfpipe.supervisor.process_table import SCORER
 from lfpipe.supervisor.supervisor import run_session
 from lfpipe.track import models
@@ -172,7 +172,7 @@ def exit_code(outcome: Outcome) -> int:
         return 0
     if outcome.user_error:
         raise UserError(outcome.failure, outcome.remedy)
-    say(f"error: {outcome.failure}\n  remedy: {outcome.remedy}")
+    print_error(UserError(outcome.failure, outcome.remedy))
     return 1
 
 

@@ -49,7 +49,7 @@ class SceneSummary:
     # of the farthest and nearest points, px per view
     disparity_min_px: float = 0.0
     disparity_max_px: float = 0.0
-    # whether the views run against the order of the pack
+    # whether the depth is inverted against the order of the pack
     depth_inverted: bool = False
     # whether the picture depends on the eyes
     needs_eyes: bool = attrs.field(
@@ -59,7 +59,7 @@ class SceneSummary:
     frames: int = 1
 
     def shown_as(self, invert_depth: str) -> Self:
-        """With near and far as scene.invert_depth asks; "auto" leaves them as they are."""
+        """With the depth order of scene.invert_depth; "auto" changes nothing."""
         if invert_depth == "auto" or (invert_depth == "yes") == self.depth_inverted:
             return self
         low, high = -self.disparity_max_px, -self.disparity_min_px
@@ -117,7 +117,7 @@ class SessionOptions:
     playlist_at: int = 0
     # begin with the thumbnails of the playlist
     start: bool = False
-    # ask which glasses the person has
+    # ask which glasses the user has
     ask_glasses: bool = False
     # the quality in force, None for full
     level: QualityLevel | None = None

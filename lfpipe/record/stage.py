@@ -225,8 +225,8 @@ class Recorder:
         context = self._context
         store = self._store
         for stamp, t_taken_ns, t_stored_ns in store.results():
-            context.row.tick(stamp.source_seq)
-            context.row.measure(
+            context.row.count_output(stamp.source_seq)
+            context.row.record_latency(
                 t_taken_ns - stamp.t_publish_ns,
                 t_stored_ns - t_taken_ns,
                 t_stored_ns - stamp.t_sensor_ns,
@@ -260,7 +260,7 @@ class Recorder:
                 context.report_lost(f"recording {self._folder}: not completed: {error.strerror}")
             if not self._writer.count:
                 remove_empty(self._folder)
-            context.emit("notice", text=text)
+            context.notify(text)
 
 
 def main(context: Context) -> None:

@@ -300,8 +300,8 @@ class RenderStage:
                 self._ui.scenes.report(message)
             elif word == "preview":
                 self._ui.scene_page.add(message)
-            elif not word:
-                self._ui.handle(message)
+        for answer in context.answers():
+            self._ui.handle(answer)
 
     def _open_scene(self, other_pack: bool, completed: bool, turned: bool) -> None:
         """Shows the scene of the settings in force.

@@ -8,9 +8,13 @@ from collections.abc import Callable, Sequence
 import attrs
 import numpy as np
 
+from lfpipe.capture.metrics import METRICS as CAPTURE_METRICS
 from lfpipe.config import Config, SessionOptions
 from lfpipe.config.modes import MouseViewer
 from lfpipe.eyes import EYES, SHOWN
+from lfpipe.render.metrics import METRICS as RENDER_METRICS
+from lfpipe.track.metrics import METRICS as TRACK_METRICS
+from lfpipe.transport.metrics import NO_METRICS, MetricSet
 from lfpipe.transport.packet_ring import packet_dtype
 from lfpipe.transport.ring import RingSpec
 
@@ -22,22 +26,27 @@ def _feeds(options: SessionOptions) -> bool:
 
 @attrs.frozen(kw_only=True)
 class Stage:
-    """A process. needed: whether a session with these options runs it.
-
-    optional: few sessions run it, and no picture waits for it. own_core: on two cores it avoids the
-    first. startup_timeout_s: from spawn to READY, or to open another scene or camera.
-    hang_timeout_s: longest time without a beat after that.
-    """
+    """A process."""
 
     name: str
     module: str
+    """With `main(context)`."""
     needed: Callable[[SessionOptions], bool]
+    """Whether a session with these options runs it."""
     reads: tuple[str, ...] = ()
+    """Rings."""
     writes: tuple[str, ...] = ()
+    """Rings."""
+    metrics: MetricSet = NO_METRICS
+    """What it declares in its own package."""
     optional: bool = False
+    """Few sessions run it, and no picture waits for it."""
     own_core: bool = False
+    """On two cores it avoids the first."""
     startup_timeout_s: float = 15.0
+    """From spawn to READY, or to open another scene or camera."""
     hang_timeout_s: float = 2.0
+    """Longest time without a heartbeat after that."""
 
 
 # of a scene's methods, run by the packer, which is below the packages that draw
@@ -46,13 +55,20 @@ FRAMES_BYTES = 16 << 20  # a recorder may fall behind by the number of slots min
 
 
 STAGES: tuple[Stage, ...] = (
-    Stage(name="capture", module="lfpipe.capture.stage", needed=_feeds, writes=("frames",)),
+    Stage(
+        name="capture",
+        module="lfpipe.capture.stage",
+        needed=_feeds,
+        writes=("frames",),
+        metrics=CAPTURE_METRICS,
+    ),
     Stage(
         name="track",
         module="lfpipe.track.stage",
         needed=lambda options: options.viewer.tracked,
         reads=("frames",),
         writes=("eyes",),
+        metrics=TRACK_METRICS,
         own_core=True,
         startup_timeout_s=30.0,
     ),
@@ -62,6 +78,7 @@ STAGES: tuple[Stage, ...] = (
         needed=lambda options: options.show,
         reads=("eyes",),
         writes=("shown",),
+        metrics=RENDER_METRICS,
     ),
     # their work can wait, so it must not disturb capture and render
     Stage(
@@ -83,6 +100,7 @@ STAGES: tuple[Stage, ...] = (
 )
 
 NAMES = tuple(stage.name for stage in STAGES)
+METRICS = {stage.name: stage.metrics for stage in STAGES}
 # The source makes frames, and when it ends by itself, the session ends.
 # The age of pictures is the session's.
 SOURCE, TRACKED_BY, SHOWN_BY = (

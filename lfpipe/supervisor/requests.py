@@ -7,6 +7,7 @@ shows it. A refusal is a BadMessage (not a request at all) or a UserError (with 
 changes nothing.
 """
 
+import logging
 from collections.abc import Callable
 from functools import partial
 from typing import Literal
@@ -25,8 +26,9 @@ from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.control import BadMessage, Message
 
+logger = logging.getLogger(__name__)
 # outputs that can begin and end while a session runs:
-# request -> the option that holds its path, its name in words, the command that a person types
+# request -> the option that holds its path, its name, the command that a user types
 OUTPUTS = {
     "trace": ("timeline", "trace", "lfpipe trace"),
     "record": ("record", "recording", "lfpipe ctl record"),
@@ -45,14 +47,24 @@ class Reply:
     """
 
     answer: Message = attrs.field(factory=dict)
-    state: SessionState | None = None  # to store; a new revision goes to the stages
-    load: PackerRequest | None = None  # the real reply comes from `on_load`
-    previews: tuple[str, ...] | None = None  # scenes to read for the page that offers them
-    check: FileCheck | None = None  # the real reply comes from `respond_checked`
-    dialog: Literal["folder", "file"] | None = None  # the real reply comes from `on_chosen`
-    executed_by: tuple[str, ...] = ()  # the stages that execute the command, and then answer
-    with_stages: bool = False  # the answer gets the figures of the stages
-    stop: bool = False  # the session ends
+    state: SessionState | None = None
+    """To store; a new revision goes to the stages."""
+    load: PackerRequest | None = None
+    """The real reply comes from `on_load`."""
+    previews: tuple[str, ...] | None = None
+    """Scenes to read for the page that offers them."""
+    check: FileCheck | None = None
+    """The real reply comes from `respond_checked`."""
+    dialog: Literal["folder", "file"] | None = None
+    """The real reply comes from `on_chosen`."""
+    executed_by: tuple[str, ...] = ()
+    """The stages that execute the command, and then answer."""
+    with_stages: bool = False
+    """The answer includes the metrics of the session."""
+    silent: bool = False
+    """Nothing is answered."""
+    stop: bool = False
+    """The session ends."""
 
 
 Handler = Callable[[SessionState, Message, int], Reply]
@@ -240,15 +252,15 @@ def _dialog(state: SessionState, message: Message, _t_ns: int) -> Reply:
     return Reply(dialog="folder" if folder else "file")
 
 
-def on_chosen(state: SessionState, message: Message, path: str) -> tuple[Message, Reply]:
-    """The request of a dialog with the chosen path as its scene, and the reply, which loads it.
+def on_chosen(message: Message, path: str) -> tuple[Message, Callable[[SessionState], Reply]]:
+    """The request of a dialog with the chosen path as its scene, and its reply, which loads it.
 
-    path: "" if the dialog was cancelled. Raises like `respond`.
+    path: "" if the dialog was cancelled.
     """
     if not path:
-        return message, Reply(answer={"path": ""})
+        return message, lambda _: Reply(answer={"path": ""})
     message = {**message, "scene": path}
-    return message, _load(state, message, 0)
+    return message, lambda state: _load(state, message, 0)
 
 
 def respond_checked(state: SessionState, message: Message, result: Message, t_ns: int) -> Reply:
@@ -289,7 +301,10 @@ def on_load(
 def on_complete(state: SessionState, scene: SceneSummary) -> SessionState:
     """The state once a scene has its disparity; unchanged if another scene is shown by then."""
     shown = state.options.scene
-    return state.loaded(scene) if shown is not None and shown.pack == scene.pack else state
+    if shown is None or shown.pack != scene.pack:
+        return state
+    logger.info("%s: disparity is complete, method %s", scene.name, scene.method)
+    return state.loaded(scene)
 
 
 def _recentre(state: SessionState, _message: Message, _t_ns: int) -> Reply:

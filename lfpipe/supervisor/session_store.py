@@ -12,7 +12,7 @@ from pathlib import Path
 from lfpipe.host import wake
 from lfpipe.host.segment import SHM_DIR, Segment
 from lfpipe.scene.pack import hold_pack
-from lfpipe.supervisor.process_table import STAGES, consumers, rings
+from lfpipe.supervisor.process_table import METRICS, consumers, rings
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport import control, ring, status
 from lfpipe.transport.ring import RingSpec
@@ -41,9 +41,7 @@ class SessionStore:
         self._rings: dict[str, Segment] = {}
         self._pack = contextlib.ExitStack()
         with contextlib.ExitStack() as undo:
-            self._status = status.create(
-                session.segment("status"), [stage.name for stage in STAGES], session.run_dir
-            )
+            self._status = status.create(session.segment("status"), METRICS, session.run_dir)
             undo.callback(_remove, self._status)
             undo.callback(self._keep, ())
             undo.callback(self._pack.close)

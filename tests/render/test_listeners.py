@@ -22,6 +22,7 @@ from lfpipe.render.listeners.share_stamps import ShareStamps
 from lfpipe.render.listeners.status_row import StatusRow
 from lfpipe.render.listeners.tap_messages import TapMessages
 from lfpipe.render.listeners.trace import Trace, trace_line
+from lfpipe.render.metrics import METRICS
 from lfpipe.render.presentation import REPLACED, Presentation
 from lfpipe.render.stage import RenderStage
 from lfpipe.render.viewer.presence import ViewerState
@@ -149,7 +150,7 @@ def test_status_row_counts(
     presented: list[Presentation],
     metrics: dict[str, int],
 ) -> None:
-    row = Row(np.zeros((), ROW))
+    row = Row(np.zeros((), ROW), METRICS)
     status = StatusRow(row, viewer(), display)
     for one in handed:
         status.handed_over(one)

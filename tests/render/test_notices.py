@@ -14,6 +14,7 @@ from lfpipe.render.ui.notices import SHOWN_NS, Notices
 from lfpipe.render.ui.recording import RecordingIndicator
 from lfpipe.render.ui.scenes import SceneLoader
 from lfpipe.transport.clock import SECOND_NS, now_ns
+from lfpipe.transport.control import Answer
 
 
 def test_notices_pass_and_states_stay() -> None:
@@ -101,8 +102,8 @@ def test_scene_loader_says_how_far_a_scene_is_loaded() -> None:
     report("b", "disparity 3 of 81")
     assert shown() == ["loading b: 2 of 2, disparity 3 of 81"]
     scenes.step(1)  # from the one that is on its way: the first, which replaces it
-    scenes.handle({"cmd": "load", "ok": False, "error": "replaced", "replaced": True})
+    scenes.handle(Answer.of({"cmd": "load", "ok": False, "error": "replaced", "replaced": True}))
     assert asked == [{"load": {"scene": "/b"}}, {"load": {"scene": "/a"}}]
     report("a", "")
-    scenes.handle({"cmd": "load", "ok": False, "error": "/a: the folder is empty"})
+    scenes.handle(Answer.of({"cmd": "load", "ok": False, "error": "/a: the folder is empty"}))
     assert shown() == ["loading a: 1 of 2: refused\n/a: the folder is empty"]

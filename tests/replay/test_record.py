@@ -19,7 +19,7 @@ from click.testing import CliRunner
 from lfpipe.cli.sequence import record
 from lfpipe.sequence.folder import Sequence, open_sequence
 from lfpipe.sequence.packets import INDEX
-from lfpipe.supervisor.live_session import Outcome
+from lfpipe.supervisor.effects import EndKind, Outcome
 from tests.support.world import World, runs
 
 SMALL = ("--set", "camera.width_px=320", "--set", "camera.height_px=240")
@@ -72,7 +72,10 @@ def test_record_that_ends_before_its_first_frame_fails(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Ctrl-C while the camera starts left nothing, said nothing, and ended with 0."""
-    monkeypatch.setattr("lfpipe.cli.sequence.run_session", lambda *_: Outcome("interrupted"))
+    monkeypatch.setattr(
+        "lfpipe.cli.sequence.run_session",
+        lambda *_: Outcome(kind=EndKind.SIGNAL, reason="interrupted"),
+    )
     words = [str(tmp_path / "walk"), "--camera", "demo"]
     ended = CliRunner().invoke(record, words, standalone_mode=False)
     assert ended.return_value == 1 and "walk: no frame was recorded" in ended.output

@@ -259,9 +259,11 @@ def test_only_the_window_keeps_settings_and_opens_dialogs() -> None:
 def test_on_chosen_loads_the_path_unless_the_dialog_was_cancelled() -> None:
     asked = {"cmd": "dialog", "folder": True}
     assert respond(made_state(), asked, 0, "render") == Reply(dialog="folder")
-    assert on_chosen(made_state(), asked, "") == (asked, Reply(answer={"path": ""}))
-    message, reply = on_chosen(made_state(**LIST), asked, "/b")
-    assert reply == respond(made_state(**LIST), {"cmd": "load", "scene": "/b"}, 0)
+    message, reply = on_chosen(asked, "")
+    assert message == asked and reply(made_state()) == Reply(answer={"path": ""})
+    message, reply = on_chosen(asked, "/b")
+    load = respond(made_state(**LIST), {"cmd": "load", "scene": "/b"}, 0)
+    assert reply(made_state(**LIST)) == load
     loaded = on_load(made_state(**LIST), message, SCENE)
     assert loaded.state is not None and loaded.state.options.playlist_at == 1
 
@@ -315,7 +317,7 @@ def test_on_complete_of_a_scene_no_longer_shown_changes_nothing() -> None:
 
 def test_handlers_have_rows_in_the_contracts() -> None:
     page = (ROOT / "docs" / "contracts.md").read_text()
-    table = page.partition("## Control")[2].partition("## Monitor")[0]
+    table = page.partition("## Control")[2].partition("## Tap")[0]
     first_cells = [line.split("|")[1] for line in table.splitlines() if line.startswith("| `")]
     assert set(re.findall(r"`(\w+)`", "".join(first_cells))) == set(HANDLERS)
 

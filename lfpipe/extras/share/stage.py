@@ -110,13 +110,12 @@ class Sharer:
                 if channel.ticker is None:
                     self._send(channel, stamp, stamp.t_sensor_ns)
             t_sent_ns = now_ns()
-            context.row.tick(stamp.source_seq)
-            context.row.measure(
+            context.row.count_output(stamp.source_seq)
+            context.row.record_latency(
                 t_taken_ns - stamp.t_publish_ns,
                 t_sent_ns - t_taken_ns,
                 t_sent_ns - stamp.t_sensor_ns,
             )
-            context.row["face"] = int(self._record["face"])
 
     def send_predicted(self) -> None:
         """Sends predicted eyes that are due; none while no frames arrive."""
