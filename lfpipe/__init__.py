@@ -9,6 +9,8 @@ import importlib
 import os
 from typing import TYPE_CHECKING, Any
 
+from lfpipe._version import __version__
+
 if TYPE_CHECKING:
     from lfpipe.api.scenes import open_scene, render_anaglyph, render_view
     from lfpipe.api.session import Attachment, Frame, Session, attach, replay
@@ -17,7 +19,6 @@ if TYPE_CHECKING:
     from lfpipe.scene.lightfield import LightField
     from lfpipe.track.head import Head
 
-__version__ = "1.0.0"
 __all__ = [
     "Attachment",
     "Eyes",
@@ -27,6 +28,7 @@ __all__ = [
     "Session",
     "Tracker",
     "UserError",
+    "__version__",
     "attach",
     "open_scene",
     "render_anaglyph",
@@ -39,7 +41,7 @@ _MODULES = {
     "api.tracker": ("Eyes", "Tracker"),
     "errors": ("UserError",),
     "scene.lightfield": ("LightField",),
-    "share.head": ("Head",),
+    "track.head": ("Head",),
 }
 
 # OpenCV reads these when it is imported. The first is a second limit behind lfpipe.files.pictures;

@@ -16,10 +16,9 @@ POSITIONAL = {
     "bench": "Results Row Table Value",
     "capture": "Frame Mode SourceInfo",
     "config": "Key",
+    "extras": "Outcome Sample",
     "render": "Item Pointer",
-    "share": "Sample",
     "supervisor": "Outcome",
-    "sweep": "Outcome",
     "track": "Face",
     "transport": "Stamp",
 }

@@ -48,7 +48,7 @@ def test_rooms_import_downwards() -> None:
         entry.name for entry in PACKAGE.iterdir() if entry.is_dir() and any(entry.glob("*.py"))
     }
     assert folders == set(LAYER)
-    assert len({path.stem for path in PACKAGE.glob("*.py")} - {"__init__", "__main__"}) <= 4, (
+    assert len({path.stem for path in PACKAGE.glob("*.py")} - {"__init__", "__main__"}) <= 5, (
         "few modules stand loose"
     )
     wrong = []

@@ -1,15 +1,16 @@
-"""Checks of paths and targets by a child process, `python -m lfpipe.supervisor.file_checks`: a dead
+"""Checks of paths and hosts by a child process, `python -m lfpipe.supervisor.file_checks`: a dead
 network drive or name server blocks the process that asks it.
 """
 
 import logging
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import attrs
 
 from lfpipe.errors import UserError
 from lfpipe.host.worker import Report, Worker, serve
+from lfpipe.plugins import REQUESTS, guarded, load
 from lfpipe.supervisor.control_sockets import Request
 from lfpipe.transport.control import Message
 
@@ -23,12 +24,12 @@ MEMORY_BYTES = 1 << 30
 class FileCheck:
     """What is checked for a request."""
 
-    check: str  # "trace", "record" or "share"
+    check: str  # "trace", "record", or a command of another package
     path: str  # of the output; for messages in any case
     source: str = ""  # of frames: an input, which no output may replace
     record: str = ""  # folder of the running recording, likewise
-    targets: tuple[str, ...] = ()  # to share with
-    running: tuple[str, ...] = ()  # those that are shared with already
+    # for a command of another package
+    values: Mapping[str, tuple[str, ...]] = attrs.field(factory=dict)
 
 
 class FileChecks:
@@ -90,9 +91,8 @@ def check(request: Message, _report: Report) -> Message:
 
         check_out(Path(asked.path))
         return {}
-    from lfpipe.extras.share.target import check_targets
-
-    return {"targets": list(check_targets(asked.targets, asked.running))}
+    plugin = guarded(load(REQUESTS, asked.check, ()), REQUESTS, asked.check, {"check": dict})
+    return dict(plugin.check(asked))
 
 
 if __name__ == "__main__":

@@ -121,7 +121,7 @@ class KeyBindings:
             "delete": lambda event: self.page.forget(event.removeprefix("load ")),
             "wear": self._wear,
         }
-        if not (context.options.kiosk or self._open or self._scenes_wait):
+        if not (context.options.lock_code or self._open or self._scenes_wait):
             self._notices.say("hint", HINT, HINT_NS)
         self._ask_about_depth()
         self._show_overlay(now_ns())  # keys that are pressed now are for the menu
@@ -203,7 +203,7 @@ class KeyBindings:
     def _bar(self) -> tuple[Item, ...]:
         options = self._context.options
         field = self._viewer.field
-        if options.kiosk:
+        if options.lock_code:
             return ()
         without = set() if len(options.playlist) > 1 or options.start else {"choose"}
         if not options.viewer.tracked:
@@ -286,7 +286,7 @@ class KeyBindings:
         """Says, the first time an undecided scene is shown, how to exchange near and far."""
         options = self._context.options
         field = self._viewer.field
-        on_screen = isinstance(options.display, Window) and not options.kiosk
+        on_screen = isinstance(options.display, Window) and not options.lock_code
         if on_screen and undecided(field, self._context.config.scene.invert_depth):
             self._notices.say("near and far", "press d if near and far are exchanged", ASKED_NS)
             remember(field, "asked")
@@ -319,7 +319,7 @@ class KeyBindings:
         lines = [self.scenes.words(t_ns)]
         if context.config.render.anaglyph == "row-interleaved" and not self._display.knows_rows:
             lines.append(ROWS_UNKNOWN)
-        is_exhibition = bool(context.options.kiosk)
+        is_exhibition = bool(context.options.lock_code)
         if context.paused:
             lines.append("paused" if is_exhibition else "paused: p or space resumes")
         current = notices(context.table.rows, context.spec.source, context.spec.name)

@@ -124,7 +124,7 @@ class SceneLoader:
         options = self._context.options
         alone_ns = t_ns - int(self._context.row["t_face_ns"])
         if (
-            options.kiosk
+            options.lock_code
             and options.playlist_at
             and alone_ns > ALONE_NS
             and t_ns > self._first_due_ns
