@@ -370,7 +370,7 @@ def _watched(
         name = next(iter(arguments.extras))
         raise UserError(
             f"--{name} with {opened.scenes[0]}: its picture needs no eyes, so none are tracked",
-            f"track without a scene: `lfpipe up --no-picture --{name} ...`",
+            "use `lfpipe up --no-picture` to track without a scene",
         )
     viewer = watching(_viewer(arguments, request), needs_eyes)
     clock: Clock = Live()
