@@ -29,6 +29,7 @@ from lfpipe.config import load
 from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import demo_scene
 from lfpipe.scene.open_scene import open_scene
+from lfpipe.supervisor.process_table import SCORER
 from profiling.arguments import existing, parser_of, start
 
 
@@ -61,7 +62,7 @@ def main() -> None:
     cache = cache_dir(settings)
     video = args.video or demo_sequence(cache / "bench", MOVING_S[1])
     scene = args.scene or demo_scene(cache)
-    field = open_scene(scene, settings)
+    field = open_scene(scene, settings, scorer=SCORER)
     views = write_views(field, cache / "bench" / "views" / field.manifest.key)
     fast = args.pace == "max"
     pace_hz = 0.0 if fast else float(args.pace)

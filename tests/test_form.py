@@ -6,8 +6,8 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
-from tests.support.source import nodes, room
-from tools.count_statements import GOALS, by_room, statements
+from tests.support.source import nodes, package_of
+from tools.count_statements import GOALS, by_package, statements
 
 LARGE = 5  # fields
 # Classes with positional fields from before the rule. Remove a name here with its last
@@ -49,15 +49,15 @@ def test_no_line_has_more_than_100_columns() -> None:
     root = Path(__file__).parents[1]
     long = [
         f"{path.relative_to(root)}:{number}"
-        for room in ("lfpipe", "tests", "tools", "profiling", "examples")
-        for path in sorted((root / room).rglob("*.py"))
+        for folder in ("lfpipe", "tests", "tools", "profiling", "examples")
+        for path in sorted((root / folder).rglob("*.py"))
         for number, line in enumerate(path.read_text().splitlines(), 1)
         if len(line) > 100
     ]
     assert not long
 
 
-def test_sleeps_of_tests_are_these() -> None:
+def test_only_listed_tests_sleep() -> None:
     found = {}
     tests = Path(__file__).parent
     for path in sorted(tests.rglob("*.py")):
@@ -69,7 +69,7 @@ def test_sleeps_of_tests_are_these() -> None:
     assert found == SLEEPS, "wait for an event; remove from SLEEPS what sleeps no longer"
 
 
-def test_no_conditional_stands_in_another() -> None:
+def test_no_nested_conditional_expressions() -> None:
     nested = [
         f"{module}:{node.lineno}"
         for module, node in nodes(ast.IfExp)
@@ -79,24 +79,24 @@ def test_no_conditional_stands_in_another() -> None:
 
 
 def large_classes() -> Iterator[tuple[str, str, bool]]:
-    """(room, class, whether it takes keywords only) of every attrs class of many fields."""
+    """(package, class, whether it takes keywords only) of every attrs class of many fields."""
     for module, node in nodes(ast.ClassDef):
         made = [ast.unparse(one) for one in node.decorator_list]
         fields = sum(isinstance(line, ast.AnnAssign) for line in node.body)
         if fields >= LARGE and any(one.startswith("attrs.") for one in made):
-            yield room(module), node.name, any("kw_only=True" in one for one in made)
+            yield package_of(module), node.name, any("kw_only=True" in one for one in made)
 
 
 def test_large_classes_take_keywords_only() -> None:
     wrong = {
-        f"{room}: {name}"
-        for room, name, by_keyword in large_classes()
-        if not by_keyword and name not in POSITIONAL.get(room, "").split()
+        f"{package}: {name}"
+        for package, name, by_keyword in large_classes()
+        if not by_keyword and name not in POSITIONAL.get(package, "").split()
     }
     assert not wrong, "add kw_only=True"
 
 
-def test_positional_excuses_no_class_that_takes_keywords() -> None:
+def test_positional_allowlist_is_minimal() -> None:
     excused = {(place, name) for place, names in POSITIONAL.items() for name in names.split()}
     needed = {(place, name) for place, name, by_keyword in large_classes() if not by_keyword}
     assert excused <= needed, "remove it from POSITIONAL"
@@ -108,4 +108,4 @@ def test_statements_are_counted_without_docstrings(tmp_path: Path) -> None:
         '"""Doc."""\n\n\ndef f():\n    """Doc."""\n    x = 1; y = 2\n    return x + y\n'
     )
     assert statements(path) == 4
-    assert GOALS.keys() <= by_room().keys()
+    assert GOALS.keys() <= by_package().keys()

@@ -1,15 +1,16 @@
-"""Every import between the rooms of the package points down: no room knows those above it, and
-stages do not know each other.
+"""Every import between packages points down: no package knows those above it, and stages do not
+know each other.
 """
 
 import ast
 import re
 from collections.abc import Iterator
+from pathlib import Path
 
-from tests.support.source import PACKAGE, modules, nodes, room
+from tests.support.source import PACKAGE, modules, nodes, package_of
 
-# From the bottom up; rooms of one layer do not know each other. Loose modules (`errors`, `eyes`)
-# are below them all.
+# From the bottom up; packages of one layer do not know each other. Top-level modules (`errors`,
+# `eyes`) are below them all.
 LAYERS = (
     {"host"},
     {"files"},
@@ -18,13 +19,26 @@ LAYERS = (
     {"scene", "sequence"},
     {"capture", "track", "render", "record"},
     {"supervisor"},
-    {"replay", "monitor"},
+    {"replays", "monitor"},
     {"api"},
     {"bench"},
     {"cli"},
     {"extras"},  # registers itself by entry points; nothing imports it
 )
-LAYER = {room: layer for layer, rooms in enumerate(LAYERS) for room in rooms}
+LAYER = {package: layer for layer, packages in enumerate(LAYERS) for package in packages}
+# the parts of render, each of which knows only those before it
+RENDER = (
+    "synthesis",
+    "display",
+    "viewer",
+    "choice",
+    "presentation",
+    "presenter",
+    "listeners",
+    "plan",
+    "ui",
+    "stage",
+)
 
 
 def imported(node: ast.AST) -> list[str]:
@@ -39,21 +53,17 @@ def imported(node: ast.AST) -> list[str]:
     return [str(text)] if named else []
 
 
-# Programs of rooms above that a file starts, with limits and an answer in JSON: no import.
-PROGRAMS = {"scene/open_scene.py": "lfpipe.scene.packer"}
-
-
-def test_rooms_import_downwards() -> None:
+def test_packages_import_downwards() -> None:
     folders = {
         entry.name for entry in PACKAGE.iterdir() if entry.is_dir() and any(entry.glob("*.py"))
     }
     assert folders == set(LAYER)
     assert len({path.stem for path in PACKAGE.glob("*.py")} - {"__init__", "__main__"}) <= 5, (
-        "few modules stand loose"
+        "few modules are outside the packages"
     )
     wrong = []
     for module, node in nodes(ast.AST):
-        here = room(module)
+        here = package_of(module)
         for name in imported(node):
             there = name.split(".")[1] if name.startswith("lfpipe.") else here
             if (
@@ -61,9 +71,26 @@ def test_rooms_import_downwards() -> None:
                 and there in LAYER
                 and LAYER[there] >= LAYER.get(here, 0)
                 and here not in ("__init__", "__main__")
-                and PROGRAMS.get(module) != name
             ):
                 wrong.append(f"{module}: {name}")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_parts_of_render_import_downwards() -> None:
+    parts = {path.stem for path in (PACKAGE / "render").iterdir() if not path.stem.startswith("_")}
+    assert parts == set(RENDER)
+    wrong = []
+    for module, node in nodes(ast.AST):
+        if package_of(module) == "render" and module != "render/__init__.py":
+            here = Path(module).with_suffix("").parts[1]
+            names = [
+                name.split(".") for name in imported(node) if name.startswith("lfpipe.render.")
+            ]
+            wrong += [
+                f"{module}: {'.'.join(name)}"
+                for name in names
+                if name[2] != here and RENDER.index(name[2]) > RENDER.index(here)
+            ]
     assert not wrong, "\n".join(wrong)
 
 
@@ -141,7 +168,7 @@ def test_host_alone_names_an_operating_system() -> None:
     wrong = [
         f"{module}: {name}"
         for module, tree in modules().items()
-        if room(module) != "host" and f"lfpipe/{module}" not in ALLOWED
+        if package_of(module) != "host" and f"lfpipe/{module}" not in ALLOWED
         for name in system_names(tree)
     ]
     assert not wrong, "\n".join(wrong)
@@ -154,7 +181,7 @@ def test_paths_are_examined_without_exceptions() -> None:
     wrong = [
         f"{module}: {ast.unparse(call)}"
         for module, call in nodes(ast.Call)
-        if room(module) not in ("scene", "files")
+        if package_of(module) not in ("scene", "files")
         and not call.args
         and isinstance(call.func, ast.Attribute)
         and call.func.attr in ("exists", "is_file", "is_dir")
@@ -213,11 +240,11 @@ def test_wall_clock_is_not_read_by_a_session() -> None:
         "time": {"time", "time_ns", "gmtime", "localtime"},
         "datetime": {"now", "utcnow", "today"},
     }
-    rooms = ("capture", "track", "render", "transport", "supervisor", "sequence", "replays")
+    packages = ("capture", "track", "render", "transport", "supervisor", "sequence", "replays")
     wrong = [
         f"{module}: {ast.unparse(node)}"
         for module, node in nodes(ast.Attribute)
-        if room(module) in rooms
+        if package_of(module) in packages
         and isinstance(node.value, ast.Name)
         and node.attr in wall.get(node.value.id, ())
     ]

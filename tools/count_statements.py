@@ -1,4 +1,4 @@
-"""Counts the statements of the program and its tests, without docstrings, by room, with their
+"""Counts the statements of the program and its tests, without docstrings, by package, with their
 goals: `python -m tools.count_statements`. Ends with 1 if a goal is exceeded.
 """
 
@@ -17,7 +17,7 @@ GOALS = {
     "lfpipe/bench": 1_500,
     "lfpipe/capture": 1_400,
     "lfpipe/supervisor": 1_250,
-    "lfpipe/observe": 1_050,
+    "lfpipe/monitor": 1_050,
     "lfpipe/files": 600,
 }
 
@@ -37,8 +37,8 @@ def statements(path: Path) -> int:
     return sum(isinstance(node, ast.stmt) and not is_docstring(node) for node in nodes)
 
 
-def by_room() -> Counter[str]:
-    """The statements of every folder at the top, and of every room of lfpipe."""
+def by_package() -> Counter[str]:
+    """The statements of every folder at the top, and of every package of lfpipe."""
     listed = subprocess.run(
         ["git", "ls-files", "*.py"], cwd=ROOT, capture_output=True, text=True, check=True
     )
@@ -58,10 +58,10 @@ def main() -> int:
     """Prints the table."""
     argparse.ArgumentParser(description=__doc__).parse_args()
     over = 0
-    for room, size in sorted(by_room().items()):
-        goal = GOALS.get(room)
+    for package, size in sorted(by_package().items()):
+        goal = GOALS.get(package)
         over += goal is not None and size > goal
-        print(f"{room:20} {size:7,}" + (f"  goal {goal:6,}" if goal is not None else ""))
+        print(f"{package:20} {size:7,}" + (f"  goal {goal:6,}" if goal is not None else ""))
     return int(over > 0)
 
 

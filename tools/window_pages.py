@@ -17,11 +17,12 @@ import cv2
 import numpy as np
 
 from lfpipe.config import Render, Scene
+from lfpipe.render.display.overlay import Event, Item, Menu, Overlay
 from lfpipe.render.display.window import TEXT_PX
 from lfpipe.render.display.window_system import pygame
 from lfpipe.render.ui.glasses import glasses_menu, instructions
-from lfpipe.render.ui.overlay import CLOSE, HELP, Item, Menu, Overlay
-from lfpipe.render.ui.overlay_view import Panel, menu_panel, text_panel
+from lfpipe.render.ui.keys import HELP
+from lfpipe.render.ui.overlay_view import ItemPanel, menu_panel, text_panel
 from lfpipe.render.ui.scenes import HINT as SCENES_HINT
 from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import NAMES, demo_scene
@@ -34,15 +35,15 @@ SETTLE_S = 1.5  # then a page is there, with what it reads
 SHEET_COLS, SHEET_PX, QUALITY = 3, 640, 75
 
 
-def _menu(finger: Finger, menu: Menu) -> Panel:
+def _menu(finger: Finger, menu: Menu) -> ItemPanel:
     return menu_panel(menu, 0, (finger.size_px[0], finger.bar().at[1]), TEXT_PX)
 
 
-def _text(finger: Finger, text: Overlay) -> Panel:
+def _text(finger: Finger, text: Overlay) -> ItemPanel:
     return text_panel(text, finger.bar().at[1] if text.items else None, finger.size_px, TEXT_PX)
 
 
-def _test(finger: Finger) -> Panel:
+def _test(finger: Finger) -> ItemPanel:
     lines, items = instructions(Render(**finger.world.monitor()["config"]["render"]))
     return _text(finger, Overlay(lines=lines, items=items))
 
@@ -50,26 +51,26 @@ def _test(finger: Finger) -> Panel:
 def walk(finger: Finger, scenes: Sequence[Path]) -> Iterator[str]:
     """Opens and closes every page by taps; yields the name of what is on the screen."""
     yield "which-glasses"
-    finger.touch(_menu(finger, glasses_menu("dubois")), "wear dubois")
+    finger.touch(_menu(finger, glasses_menu("dubois")), "wear", "dubois")
     yield "glasses-test"
     finger.touch(_test(finger), "swap")
     yield "eyes-swapped"
     finger.touch(_test(finger), "swap")
-    finger.touch(_test(finger), CLOSE.event)
+    finger.touch(_test(finger), "close")
     yield "closed"
     finger.tap(5, 5)
     yield "bar"
     finger.use_bar("choose")
     yield "scenes"
-    items = [Item(scene.name, f"load {scene}") for scene in scenes] + [Item("the camera")]
+    items = [Item(scene.name, Event("load", str(scene))) for scene in scenes] + [Item("the camera")]
     menu = Menu("Choose a scene", SCENES_HINT.format(""), tuple(items))
-    finger.touch(_menu(finger, menu), f"load {scenes[1]}")
+    finger.touch(_menu(finger, menu), "load", str(scenes[1]))
     finger.title = f"lfpipe: {scenes[1].name}"
     until(lambda: outline(finger.title, finger.screen.name), "second scene")
     yield "another-scene"
     finger.use_bar("help")
     yield "help"
-    finger.touch(_text(finger, Overlay(lines=HELP)), CLOSE.event)
+    finger.touch(_text(finger, Overlay(lines=HELP)), "close")
     finger.use_bar("overlay")
     time.sleep(3.0)  # the bar goes
     yield "metrics"
@@ -90,7 +91,7 @@ def walk(finger: Finger, scenes: Sequence[Path]) -> Iterator[str]:
     yield "full-screen"
     finger.use_bar("which")
     yield "full-screen-glasses"
-    finger.touch(_menu(finger, glasses_menu("dubois")), CLOSE.event)
+    finger.touch(_menu(finger, glasses_menu("dubois")), "close")
     finger.use_bar("fullscreen")
     yield "window-again"
 

@@ -21,6 +21,7 @@ from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import named_scene
 from lfpipe.scene.layouts.arrays import require_views
 from lfpipe.scene.lightfield import LightField
+from lfpipe.supervisor.process_table import SCORER
 
 KEPT_S = 7 * 86400.0  # arrays that nobody has opened for so long are removed from the cache
 ScenePath = str | os.PathLike[str]
@@ -41,7 +42,7 @@ def open_scene(
     uint16 or float 0 .. 1. Row 0 is the top row of cameras, column 0 the left one. Only with an
     array: disparity, (rows, cols, height, width), px per view, nearer is larger, used where it
     matches the views better than flow; positions, (rows, cols, 2), (down, right) of each camera.
-    invert_depth: near and far are exchanged; None: detect it.
+    invert_depth: depth is inverted; None: detect it.
 
     The first call packs it into the cache, which may take a minute; later calls return at once.
     settings: as for `--set`, for example {"scene.layout": "hci"}. Raises lfpipe.UserError.
@@ -50,7 +51,7 @@ def open_scene(
     if invert_depth is not None:
         config = attrs.evolve(config, invert_depth="yes" if invert_depth else "no")
     return scenes.open_scene(
-        scene_path(scene, config, disparity=disparity, positions=positions), config
+        scene_path(scene, config, disparity=disparity, positions=positions), config, scorer=SCORER
     )
 
 

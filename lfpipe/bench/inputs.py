@@ -27,6 +27,7 @@ from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.open_scene import open_scene
 from lfpipe.sequence.eyes import COLUMNS, TRUTH, Truth, table_of
 from lfpipe.sequence.folder import is_sequence
+from lfpipe.supervisor.process_table import SCORER
 
 Progress = Callable[[str, int, int], None]
 
@@ -93,7 +94,7 @@ class Inputs:
     @cached_property
     def field(self) -> LightField:
         """The scene; a new one is packed. Raises UserError."""
-        one = open_scene(self.scene, self.settings.scene, self.progress)
+        one = open_scene(self.scene, self.settings.scene, self.progress, scorer=SCORER)
         views = f"{one.rows}x{one.cols} views of {one.width_px}x{one.height_px} px"
         self.about["scene"] = f"{one.name}: {views}, disparity {one.disparity_source}"
         return one

@@ -51,6 +51,7 @@ from lfpipe.scene.pack import summarize
 from lfpipe.scene.recent_scenes import recent_scenes, remember_scene
 from lfpipe.supervisor import rundir
 from lfpipe.supervisor.live_session import Outcome
+from lfpipe.supervisor.process_table import SCORER
 from lfpipe.supervisor.supervisor import run_session
 from lfpipe.track import models
 from lfpipe.transport.session import Session, default_name
@@ -297,7 +298,11 @@ def _open(arguments: UpArguments, request: Request) -> SessionPlan:
     """A session that shows scenes: packs the first unless it is packed."""
     with progress() as bar:
         opened = open_scenes(
-            arguments.scenes, request.config.scene, bar, complete=request.video is not None
+            arguments.scenes,
+            request.config.scene,
+            bar,
+            scorer=SCORER,
+            complete=request.video is not None,
         )
     try:
         return _plan(arguments, request, opened)

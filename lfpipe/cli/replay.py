@@ -19,9 +19,9 @@ from lfpipe.errors import UserError
 from lfpipe.files.output import check_output, check_outside
 from lfpipe.files.safe_files import temporary_folder
 from lfpipe.host.files import is_dir
-from lfpipe.replay import run
-from lfpipe.replay.compare import Comparison, cases_of, check_reference, compare
-from lfpipe.replay.report import (
+from lfpipe.replays import run
+from lfpipe.replays.compare import Comparison, cases_of, check_reference, compare
+from lfpipe.replays.report import (
     STEADY,
     Report,
     about_scene,

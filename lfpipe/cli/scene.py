@@ -22,9 +22,11 @@ from lfpipe.render.plan import make_plan
 from lfpipe.render.synthesis.compositor import ViewRenderer
 from lfpipe.scene.cache import cache_dir, packed, packs, remove, sweep
 from lfpipe.scene.contact_sheet import contact_sheet
+from lfpipe.scene.description import describe_folder
 from lfpipe.scene.info import expected_field, facts, lines
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.open_scene import ask_manifest, open_scene
+from lfpipe.supervisor.process_table import SCORER
 
 PICTURES = (".png", ".jpg", ".jpeg")
 
@@ -35,7 +37,7 @@ def opened(path: Path | None, config: Config) -> LightField:
     Raises UserError.
     """
     with progress() as bar:
-        return open_scene(path, config.scene, bar)
+        return open_scene(path, config.scene, bar, scorer=SCORER)
 
 
 def check_picture(path: Path, scene: Path, kinds: tuple[str, ...] = PICTURES) -> None:
@@ -186,6 +188,23 @@ def info(path: Path, as_json: bool, verbose: bool, config: Config) -> None:
     else:
         for line in lines(manifest, pack):
             print_result(filled(line[14:], line[:14]))
+
+
+@scene.command()
+@click.argument("folder", metavar="FOLDER", type=PATH)
+@with_scene
+def describe(folder: Path, config: Config) -> None:
+    """State how the views in FOLDER are arranged, in FOLDER/lightfield.toml.
+
+    The file comes before any detection. It holds --layout, --grid, --flip and every
+    --set scene.KEY=VALUE that you give, for example --set scene.invert_depth=yes.
+    """
+    if not is_dir(folder):
+        raise UserError(f"{folder}: no folder", "give the folder of the views")
+    manifest = ask_manifest(folder, config.scene)
+    print_result(describe_folder(folder, config.scene))
+    for line in lines(manifest, ""):
+        print_result(filled(line[14:], line[:14]))
 
 
 @scene.command()

@@ -16,7 +16,7 @@ from lfpipe.capture.open_source import camera_settings, open_source
 from lfpipe.config import Config
 from lfpipe.errors import UserError
 from lfpipe.render.display.open_display import has_display
-from lfpipe.render.ui.overlay import Overlay
+from lfpipe.render.display.overlay import Overlay
 from lfpipe.track.make_engine import make_engine
 
 MEASURED_FRAMES = 45  # with a face: one and a half seconds
@@ -50,9 +50,12 @@ class _CameraWindow:
         self.window = None
         if has_display():
             from lfpipe.render.display.window import ScreenWindow
+            from lfpipe.render.ui.overlay_view import OverlayView
 
             # large: clicks fall between pixels too
-            self.window = ScreenWindow((2 * width_px, 2 * height_px), "lfpipe calibrate")
+            self.window = ScreenWindow(
+                (2 * width_px, 2 * height_px), "lfpipe calibrate", OverlayView()
+            )
 
     def read(self) -> bool:
         """Reads the next picture. False at the end of the source."""
@@ -71,13 +74,12 @@ class _CameraWindow:
                 cv2.drawMarker(marked, (round(x), round(y)), colour, cv2.MARKER_CROSS, 21, thick_px)
         self.window.overlay(Overlay(lines=lines))
         self.window.show(marked)
-        events = [event.split() for event in self.window.events()]
-        if any(word in ("quit", "close") for word, *_ in events):
+        events = self.window.events()
+        names = {event.name for event in events}
+        if names & {"quit", "close"}:
             raise AGAIN
-        self.clicks += [
-            (float(place[0]), float(place[1])) for word, *place in events if word == "click"
-        ]
-        return any(word in ("enter", "freeze") for word, *_ in events)
+        self.clicks += [event.at_px for event in events if event.at_px is not None]
+        return bool(names & {"enter", "freeze"})
 
     def close(self) -> None:
         self.source.close()

@@ -1,7 +1,6 @@
-"""Puts pictures on the display: chooses them, composes only changes, and tells listeners what was
-shown.
+"""Puts pictures on the display: chooses them, composes only changes, and notifies listeners.
 
-What does not change the next picture happens after the hand-over, in the listeners.
+What does not change the next picture happens after submission, in the listeners.
 """
 
 import time
@@ -18,7 +17,6 @@ from lfpipe.render.display.refresh import COST_SHARE, Refresh, ScreenRefresh
 from lfpipe.render.presentation import ANSWER_NS, HANDOVER, Listener, Presentation, take_known
 from lfpipe.render.synthesis.compositor import Key
 from lfpipe.render.synthesis.pair_layout import Pair
-from lfpipe.render.ui.glasses import glasses_test
 from lfpipe.render.viewer.mouse_look import MouseLook
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.transport.clock import now_ns, sleep_until
@@ -42,12 +40,6 @@ def draw_scene(viewer: Viewer, key: Key) -> Drawing:
     return Drawing(viewer.compositor.draw(key), viewer.compositor.pair)
 
 
-def draw_glasses_test(viewer: Viewer, key: Key) -> Drawing:
-    """The test of the glasses instead, as large as the scene's pictures."""
-    field = viewer.field
-    return Drawing(*glasses_test(viewer.config.render, (field.width_px, field.height_px)))
-
-
 class Presenter:
     """One display's pictures."""
 
@@ -63,7 +55,7 @@ class Presenter:
         seq: int = 0,
     ) -> None:
         """mouse: the viewer without a camera, or while its right button is held. refresh: the
-        display's clock, None with one picture per camera frame. seq: of the first showing.
+        display's clock, None with one picture per camera frame. seq: of the first presentation.
         """
         self._viewer = viewer
         self._source = source
@@ -75,7 +67,7 @@ class Presenter:
         self._key: Key | None = None
         self._seq = seq
         self._number = 0
-        self._waiting: deque[Presentation] = deque()  # between hand-over and light
+        self._waiting: deque[Presentation] = deque()  # between submission and vblank
         self.cost_ns = 0
         """Running mean of composing and showing a picture."""
         self.picture: NDArray[np.uint8] | None = None
@@ -91,7 +83,7 @@ class Presenter:
         self.redraw()
 
     def show(self, display_time: DisplayTime) -> None:
-        """Shows the picture for a moment; without refreshes, always a new one."""
+        """Shows the picture for a display time; without refreshes, always a new one."""
         t_started_ns = now_ns()
         eyes = self._source.at(t_started_ns, self._mouse)
         viewpoints, key = choose(self._viewer, eyes, display_time)
@@ -135,7 +127,7 @@ class Presenter:
         return t_handed_ns, handing_ns
 
     def _account(self, presentation: Presentation) -> None:
-        """Learns what it cost, and tells the listeners."""
+        """Records its cost, and notifies the listeners."""
         if presentation.composed:
             self.cost_ns += int(COST_SHARE * (presentation.cost_ns - self.cost_ns))
             if self._refresh is not None:
@@ -154,7 +146,7 @@ class Presenter:
         self._waiting.append(presentation)
 
     def _report(self, presentation: Presentation) -> None:
-        """Tells the listeners of a showing whose time of display is known."""
+        """Notifies the listeners of a presentation whose display time is known."""
         planned = (
             presentation.composed and presentation.due_ns and presentation.by not in ("", HANDOVER)
         )
@@ -166,7 +158,7 @@ class Presenter:
             listener.presented(presentation)
 
     def take_reports(self) -> None:
-        """Processes the window system's reports of pictures and blanks."""
+        """Processes the window system's reports of pictures and vblanks."""
         answers = self._display.presented()
         if answers and isinstance(self._refresh, ScreenRefresh):
             self._refresh.vblanks(answers, self._display.nominal_hz())
@@ -176,7 +168,7 @@ class Presenter:
             self._report(presentation)
 
     def close(self) -> None:
-        """Reports what still waits for its light, and ends the listeners."""
+        """Flushes pending presentation reports and closes the listeners."""
         for presentation in take_known(self._waiting, (), "", now_ns() + 2 * ANSWER_NS):
             self._report(presentation)
         for listener in self._listeners:

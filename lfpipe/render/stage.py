@@ -5,7 +5,8 @@ Writes: the display of option "display"; the trace of option "trace"; the last p
 "still"; without a camera, ring "eyes" from the mouse.
 Commands: recentre, loading (progress), stop; settings and another scene by configuration, a lowered
 quality by option "level".
-Asks: set, recentre, load, pause, resume, record, stop (keys and bar of the window).
+Asks: set, keep, recentre, load, dialog, previews, pause, resume, record, stop (events of the
+window).
 Emits: parallax (alpha and its reasons), viewer (nobody, arriving, seated, lost, exchanged), notice
 (an output was lost).
 """
@@ -15,6 +16,7 @@ import logging
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -47,18 +49,29 @@ from lfpipe.render.listeners.tap_messages import TapMessages
 from lfpipe.render.listeners.trace import Trace
 from lfpipe.render.presentation import Listener
 from lfpipe.render.presenter import Presenter
-from lfpipe.render.ui.key_bindings import KeyBindings
+from lfpipe.render.ui.actions import ACTIONS
+from lfpipe.render.ui.controller import Ui
 from lfpipe.render.viewer.mouse_look import MouseLook
 from lfpipe.render.viewer.presence import ViewerState
 from lfpipe.render.viewer.viewer import Viewer
-from lfpipe.scene.inverted_depth import remember, shown_as
+from lfpipe.scene.inverted_depth import shown_as
 from lfpipe.scene.pack import open_pack
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Stamp
 
+if TYPE_CHECKING:
+    from lfpipe.render.display.window import OverlayView
+
 logger = logging.getLogger(__name__)
-SERVE_NS = 100 * MS_NS  # between two looks at the notices of a display without keys
+SERVE_NS = 100 * MS_NS  # between two checks of the notices of a display without keys
+
+
+def _overlay_view() -> "OverlayView":
+    """Draws the overlay in a window; a session without one imports no toolkit."""
+    from lfpipe.render.ui import overlay_view
+
+    return overlay_view.OverlayView()
 
 
 class EyesInput:
@@ -140,7 +153,7 @@ class RenderStage:
             listeners=self._listeners,
             seq=context.row["seq"],
         )
-        self._keys = KeyBindings(context, self._viewer, self._presenter, self._mouse, self._display)
+        self._ui = Ui(context, self._viewer, self._presenter, self._mouse, self._display, ACTIONS)
         middle = ((self._field.rows - 1) / 2, (self._field.cols - 1) / 2)
         # builds tables and touches pages before the first picture is due
         self._viewer.compositor.compose(middle, middle)
@@ -151,7 +164,7 @@ class RenderStage:
         self._asked = self._context.config
         self._options = options = self._context.options
         self._config: Config = lowered(self._asked, options)
-        # Of camera and display together. A file has no light, and without a clock
+        # Of camera and display together. A file has no display, and without a clock
         # replay.latency_ms is the whole delay.
         self._device_latency_ns = int(
             device_latency_ms(options.clock, self._config.render.device_latency_ms) * MS_NS
@@ -166,12 +179,13 @@ class RenderStage:
             (self._field.width_px, self._field.height_px),
             f"lfpipe: {self._field.name}",
             float(camera_hz if self._on_camera else self._asked.render.nominal_hz),
+            _overlay_view,
             str(self._config.screen.monitor),
             self._context.row["restarts"],
         )
 
     def _make_refresh(self) -> Refresh:
-        """The screen's blanks if they are reported, else an even rate."""
+        """The screen's vblanks if they are reported, else an even rate."""
         if self._display.vblank_source:
             return ScreenRefresh(self._display.nominal_hz(), now_ns())
         return Refresh(self._config.render.nominal_hz, now_ns())
@@ -283,17 +297,17 @@ class RenderStage:
                 self._presenter.redraw()
                 context.answer(message)
             elif word == "loading":
-                self._keys.scenes.report(message)
+                self._ui.scenes.report(message)
             elif word == "preview":
-                self._keys.page.add(message)
+                self._ui.scene_page.add(message)
             elif not word:
-                self._keys.scenes.answered(message)
+                self._ui.handle(message)
 
     def _open_scene(self, other_pack: bool, completed: bool, turned: bool) -> None:
         """Shows the scene of the settings in force.
 
         other_pack: it was packed anew, or further. completed: only its disparity is new. turned:
-        near and far were exchanged.
+        depth was inverted.
         """
         options = self._options
         invert_depth = self._asked.scene.invert_depth
@@ -311,10 +325,10 @@ class RenderStage:
             gc.freeze()
 
     def _keep_choice(self) -> None:
-        """Remembers near and far as a person chose them; a replay only applies what was chosen."""
+        """Keeps the depth order that a person chose; a replay only applies it."""
         word = self._context.config.scene.invert_depth
         if word != "auto" and not self._lossless:
-            remember(self._field, word)
+            self._context.request("keep", depth=word)
 
     def _after_picture(self) -> None:
         """Handles what does not change the picture just shown: keys and notices; without a window,
@@ -325,7 +339,7 @@ class RenderStage:
             self._context.row["t_face_ns"] = now_ns()
         if self._interactive or now_ns() >= self._serve_ns:
             self._serve_ns = now_ns() + SERVE_NS
-            self._keys.serve()
+            self._ui.serve()
         if self._display.vblank_source:
             self._presenter.take_reports()
 
@@ -337,7 +351,7 @@ class RenderStage:
             self._context.report_lost(failure)
         self._presenter.close()
         self._display.close()
-        self._keys.pass_on_notices()
+        self._ui.pass_on_notices()
 
 
 def main(context: Context) -> None:

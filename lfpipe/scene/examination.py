@@ -4,6 +4,7 @@ of them.
 
 import os
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import attrs
@@ -13,8 +14,9 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene import layouts
+from lfpipe.scene.description import FILE, stated, with_stated
 from lfpipe.scene.files import library_errors
-from lfpipe.scene.lightfield import Depth
+from lfpipe.scene.lightfield import Depth, OrientationFacts
 from lfpipe.scene.orientation import Orientation, orient
 from lfpipe.scene.plausibility import plausible
 from lfpipe.scene.source import GridTransform, SceneSource, ViewIndex
@@ -45,6 +47,15 @@ class Examined:
     @property
     def turn(self) -> GridTransform:
         return self.orientation.packed
+
+    @property
+    def orientation_facts(self) -> OrientationFacts:
+        """The facts of the pack; a stated depth order is certain."""
+        facts = self.orientation.facts
+        if self.source.stated_depth_order == "auto":
+            return facts
+        inverted = self.source.stated_depth_order == "yes"
+        return attrs.evolve(facts, invert_depth=inverted, depth_order_sure=True)
 
     @property
     def too_far_apart(self) -> bool:
@@ -111,14 +122,28 @@ class Examined:
 def examine_scene(path: str | os.PathLike[str], scene: config.Scene) -> Examined:
     """Examines the scene at path. Raises UserError if there is none."""
     with library_errors(path):
-        return examine_source(checked_source(path, scene), scene)
+        return examine_source(*checked_source(path, scene))
 
 
-def checked_source(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:
-    """The scene at path as its layout describes it. Raises UserError."""
+def checked_source(
+    path: str | os.PathLike[str], scene: config.Scene
+) -> tuple[SceneSource, config.Scene]:
+    """The scene at path as its layout describes it, and the settings with what `lightfield.toml`
+    states. Raises UserError.
+    """
+    values = stated(path)
+    scene = with_stated(scene, values)
     source = layouts.describe(path, scene)
+    if values:
+        file = Path(path) / FILE
+        source = attrs.evolve(
+            source,
+            files=(*source.files, file),
+            stated_depth_order=values.get("invert_depth", "auto"),
+            notes=(*source.notes, f"{FILE} states {', '.join(values)}"),
+        )
     require_plausible_truth(source)
-    return source
+    return source, scene
 
 
 def examine_source(source: SceneSource, scene: config.Scene) -> Examined:

@@ -1,11 +1,11 @@
-"""Near and far of a packed scene: which of two opposite orders of its views is shown.
+"""The depth order of a packed scene: which of two opposite orders of its views is shown.
 
-A half-turn reverses rows and columns and the sign of disparity. Pictures rarely tell which order is
-right, so a pack holds the views without it, and the order is state of the session:
-`scene.invert_depth`, else what a person chose for this scene before, else what the pack's evidence
-says.
+Reversing rows and columns inverts depth (pseudoscopic order) and the sign of disparity. The images
+alone rarely determine the order, so a pack holds the views as stored, and the order is state of the
+session: `scene.invert_depth`, else what a person chose for this scene before, else what the pack's
+evidence says.
 
-    STATE/half_turns/KEY       "yes", "no", or "asked" once the window has asked
+    STATE/depth_order/KEY      "yes", "no", or "asked" once the window has asked
 """
 
 import contextlib
@@ -21,7 +21,7 @@ MAX_BYTES = 16  # yes or no
 
 def folder() -> Path:
     """Where choices are kept; need not exist."""
-    return Path(platformdirs.user_state_dir("lfpipe")) / "half_turns"
+    return Path(platformdirs.user_state_dir("lfpipe")) / "depth_order"
 
 
 def remembered(field: LightField) -> str:
@@ -49,7 +49,7 @@ def shown_as(field: LightField, setting: str) -> LightField:
 
 
 def undecided(field: LightField, setting: str) -> bool:
-    """Whether near and far of the field are a guess that nobody was asked about."""
+    """Whether the depth order of the field is a guess that nobody was asked about."""
     return (
         setting == "auto"
         and not field.manifest.orientation.depth_order_sure

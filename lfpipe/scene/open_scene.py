@@ -41,6 +41,9 @@ class PackerRequest:
     expand: bool = False
     # pack: whether to note the scene as recent
     remember: bool = False
+    # pack: "module:function" that scores the methods on a LightField, -> {method: PSNR in dB}; the
+    # packages that draw are above this one. "": the method is chosen without scores
+    scorer: str = ""
 
 
 class Packing(Worker):
@@ -95,14 +98,15 @@ def open_scenes(
     settings: config.Scene,
     progress: Progress | None = None,
     *,
+    scorer: str = "",
     complete: bool = False,
     expand: bool = True,
 ) -> Opened:
     """Opens the first of the light fields at paths as soon as it can be shown.
 
-    An empty sequence stands for the demo. progress: called from this thread. complete: with its
-    disparity, for pictures that are kept. expand: a folder of light fields stands for those in it.
-    Raises UserError.
+    An empty sequence stands for the demo. progress: called from this thread. scorer: as in
+    `PackerRequest`. complete: with its disparity, for pictures that are kept. expand: a folder of
+    light fields stands for those in it. Raises UserError.
     """
     paths = [named_scene(path, cache_dir(settings)) for path in paths] or [
         demo_scene(cache_dir(settings))
@@ -111,7 +115,8 @@ def open_scenes(
     expand = expand and any(is_dir(path) and packed(path, settings) is None for path in paths)
     if known is not None and not expand:
         return Opened(paths, known)
-    packing = Packing(PackerRequest(scenes=paths, settings=settings, expand=expand), progress)
+    request = PackerRequest(scenes=paths, settings=settings, expand=expand, scorer=scorer)
+    packing = Packing(request, progress)
     try:
         packing.wait(lambda: packing.views is not None and not complete)
         summary = (
@@ -129,16 +134,19 @@ def open_scenes(
 
 
 def open_scene(
-    path: ScenePath | None, settings: config.Scene, progress: Progress | None = None
+    path: ScenePath | None,
+    settings: config.Scene,
+    progress: Progress | None = None,
+    *,
+    scorer: str = "",
 ) -> LightField:
     """The light field at path, or the demo's, complete: packed now by a child process unless it has
     been before.
 
-    progress: called from this thread. Raises UserError.
+    progress: called from this thread. scorer: as in `PackerRequest`. Raises UserError.
     """
-    return open_scenes(
-        [] if path is None else [Path(path)], settings, progress, complete=True, expand=False
-    ).field
+    paths = [] if path is None else [Path(path)]
+    return open_scenes(paths, settings, progress, scorer=scorer, complete=True, expand=False).field
 
 
 def absolute_path(path: Path, settings: config.Scene) -> Path:

@@ -15,6 +15,7 @@ steps {"preview": path, "data": base 64, "" for none}.
 
 import base64
 import contextlib
+import importlib
 import logging
 import os
 from collections.abc import Iterable
@@ -31,7 +32,6 @@ from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area
 from lfpipe.host.files import is_dir
 from lfpipe.host.worker import Report, serve
-from lfpipe.render.synthesis.scoring import scores
 from lfpipe.scene import layouts
 from lfpipe.scene.cache import cache_dir, cache_root, packed
 from lfpipe.scene.contact_sheet import stored_view
@@ -40,7 +40,7 @@ from lfpipe.scene.examination import examine_scene
 from lfpipe.scene.info import scene_manifest
 from lfpipe.scene.open_scene import PackerRequest
 from lfpipe.scene.pack import open_pack, summarize
-from lfpipe.scene.packing import pack_scene
+from lfpipe.scene.packing import Score, pack_scene
 from lfpipe.scene.recent_scenes import remember_scene
 from lfpipe.scene.source import SceneSource
 
@@ -95,11 +95,20 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
     if asked.expand:
         paths = playlist(paths, settings)
         report(scenes=[str(path) for path in paths])
-    field = pack_scene(paths[0], settings, scores, progress, views_ready)
+    field = pack_scene(paths[0], settings, _scorer(asked.scorer), progress, views_ready)
     # the demo is always there
     if asked.remember and not paths[0].is_relative_to(cache_root(settings)):
         remember_scene(paths[0])
     return attrs.asdict(summarize(field))
+
+
+def _scorer(name: str) -> Score:
+    """The function that a request names; without a name, one that scores no method."""
+    if not name:
+        return lambda field: {}
+    module, _, function = name.partition(":")
+    score: Score = getattr(importlib.import_module(module), function)
+    return score
 
 
 def playlist(paths: Iterable[Path], settings: Scene) -> list[Path]:

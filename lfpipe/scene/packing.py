@@ -92,7 +92,7 @@ def pack_scene(
     mark = cache.stamp(path, settings)
     root = cache.prepare_cache(settings)
     with library_errors(path):
-        source = checked_source(path, settings)
+        source, settings = checked_source(path, settings)
         key = cache.content_key(source, settings)
         folder = root / "scenes" / key
 
@@ -141,7 +141,7 @@ def manifest_of(scene: Examined, key: str = "") -> Manifest:
         bit_depth=source.bit_depth,
         frame_rate_hz=source.frame_rate_hz,
         flips=scene.turn,
-        orientation=scene.orientation.facts,
+        orientation=scene.orientation_facts,
         gamma=scene.gamma,
         gamma_by=scene.gamma_by,
         geometry=source.geometry,

@@ -20,16 +20,23 @@ from lfpipe.config.modes import Lossless
 from lfpipe.errors import UserError, plain, redacted
 from lfpipe.host.file_lock import Lock
 from lfpipe.host.processes import usable_cores
-from lfpipe.host.worker import Worker
 from lfpipe.scene.open_scene import Packing
 from lfpipe.supervisor import child, process_table
 from lfpipe.supervisor.control_sockets import ControlSockets, Request
-from lfpipe.supervisor.file_checks import FileChecks
+from lfpipe.supervisor.file_checks import CheckEvent, FileChecks
+from lfpipe.supervisor.file_dialog import FileDialog
 from lfpipe.supervisor.governor import QualityControl, Step
 from lfpipe.supervisor.metrics import SessionMetrics, session_metrics
 from lfpipe.supervisor.pending_answers import PendingAnswers
 from lfpipe.supervisor.process_table import NAMES, SHOWN_BY, SOURCE, STAGES, TRACKED_BY, Stage
-from lfpipe.supervisor.requests import Reply, on_complete, on_load, respond, respond_checked
+from lfpipe.supervisor.requests import (
+    Reply,
+    on_chosen,
+    on_complete,
+    on_load,
+    respond,
+    respond_checked,
+)
 from lfpipe.supervisor.scene_loads import SceneEvent, SceneLoads, ScenePreviews
 from lfpipe.supervisor.session_state import ConfigRollback, SessionState
 from lfpipe.supervisor.session_store import SessionStore
@@ -113,6 +120,7 @@ class LiveSession:
             send = partial(self._sockets.send, SHOWN_BY)
             self._loads = parts.enter_context(closing(SceneLoads(send, packing)))
             self._previews = parts.enter_context(closing(ScenePreviews(send)))
+            self._dialog = parts.enter_context(closing(FileDialog()))
             self._checks = parts.enter_context(closing(FileChecks()))
             ask_to_stop = partial(self._sockets.send, message={"cmd": "stop"})
             self.stages = parts.enter_context(
@@ -174,6 +182,7 @@ class LiveSession:
             *self._loads.fds,
             *self._previews.fds,
             *self._checks.fds,
+            *self._dialog.fds,
             *self.stages.sentinels,
         ):
             poller.register(fd, zmq.POLLIN)
@@ -359,8 +368,10 @@ class LiveSession:
         for event in self._loads.update(connections):
             self._guard(event.request, self._take_event, event)
         self._guard(None, self._previews.update)
-        for request, worker in self._checks.update(connections):
-            self._guard(request, self._take_check, request, worker)
+        for check in self._checks.update(connections):
+            self._guard(check.request, self._take_check, check)
+        if chosen := self._dialog.update(connections):
+            self._guard(chosen[0], self._take_path, *chosen)
         if new_state := self._store.take_message():
             self._sockets.broadcast(NAMES, new_state)
         for request, answer in self._pending.due(self._applied, now_ns()):
@@ -396,7 +407,7 @@ class LiveSession:
             return
         level = logging.DEBUG if request.command in ASKED_OFTEN else logging.INFO
         logger.log(level, "request %.500s", request.message)
-        self._carry_out(request, respond(self._state, request.message, now_ns()))
+        self._carry_out(request, respond(self._state, request.message, now_ns(), request.sender))
 
     def _take_event(self, event: SceneEvent) -> None:
         if isinstance(event.scene, Exception):
@@ -410,15 +421,25 @@ class LiveSession:
             )
             self._store.apply(state)
 
-    def _take_check(self, request: Request, worker: Worker) -> None:
+    def _take_check(self, event: CheckEvent) -> None:
+        if isinstance(event.result, Exception):
+            raise event.result
+        message = event.request.message
         self._carry_out(
-            request, respond_checked(self._state, request.message, worker.result(), now_ns())
+            event.request, respond_checked(self._state, message, event.result, now_ns())
         )
+
+    def _take_path(self, request: Request, path: str) -> None:
+        request.message, reply = on_chosen(self._state, request.message, path)
+        self._carry_out(request, reply)
 
     def _carry_out(self, request: Request, reply: Reply) -> None:
         """Carries out a reply; answers now, or when it is done."""
         if reply.check is not None:
             self._checks.begin(request, reply.check)
+            return
+        if reply.dialog is not None:
+            self._dialog.open(request, reply.dialog == "folder")
             return
         if reply.load is not None:
             if replaced := self._loads.want(request, reply.load):

@@ -22,6 +22,8 @@ def _feeds(options: SessionOptions) -> bool:
     return options.viewer.tracked or records
 
 
+# of a scene's methods, run by the packer, which is below the packages that draw
+SCORER = "lfpipe.render.synthesis.scoring:scores"
 FRAMES_BYTES = 16 << 20  # a recorder may fall behind by the number of slots minus two
 
 

@@ -9,7 +9,7 @@ changes nothing.
 
 from collections.abc import Callable
 from functools import partial
-from typing import Protocol
+from typing import Literal, Protocol
 
 import attrs
 
@@ -20,7 +20,7 @@ from lfpipe.errors import UserError
 from lfpipe.plugins import REQUESTS, guarded, load, plugins
 from lfpipe.scene.open_scene import PackerRequest
 from lfpipe.supervisor.file_checks import FileCheck
-from lfpipe.supervisor.process_table import SHOWN_BY, STAGES, TRACKED_BY
+from lfpipe.supervisor.process_table import SCORER, SHOWN_BY, STAGES, TRACKED_BY
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.control import BadMessage, Message
@@ -31,6 +31,10 @@ OUTPUTS = {
     "trace": ("timeline", "trace", "lfpipe trace"),
     "record": ("record", "recording", "lfpipe ctl record"),
 }
+# requests that only the stage that shows pictures may send
+OF_THE_WINDOW = ("keep", "dialog")
+KEPT = ("section", "values", "depth")
+DEPTHS = ("yes", "no", "asked")  # what is kept about the depth order of a scene
 LEASE_S, MAX_LEASE_S = 5.0, 60.0  # of the ring of pictures
 
 
@@ -45,6 +49,7 @@ class Reply:
     load: PackerRequest | None = None  # the real reply comes from `on_load`
     previews: tuple[str, ...] | None = None  # scenes to read for the page that offers them
     check: FileCheck | None = None  # the real reply comes from `respond_checked`
+    dialog: Literal["folder", "file"] | None = None  # the real reply comes from `on_chosen`
     executed_by: tuple[str, ...] = ()  # the stages that execute the command, and then answer
     with_stages: bool = False  # the answer gets the figures of the stages
     stop: bool = False  # the session ends
@@ -53,11 +58,15 @@ class Reply:
 Handler = Callable[[SessionState, Message, int], Reply]
 
 
-def respond(state: SessionState, message: Message, t_ns: int) -> Reply:
-    """The reply to a request. t_ns: now. Raises BadMessage, UserError."""
+def respond(state: SessionState, message: Message, t_ns: int, sender: str = "") -> Reply:
+    """The reply to a request. t_ns: now. sender: the stage that sent it, or another client. Raises
+    BadMessage, UserError.
+    """
     command = message.get("cmd")
     if not isinstance(command, str) or command not in commands():
         raise BadMessage(f"unknown command {command!r:.100}; commands are {', '.join(commands())}")
+    if command in OF_THE_WINDOW and sender != SHOWN_BY:
+        raise BadMessage(f"{command}: only the window of the session may send it")
     if command in HANDLERS:
         return HANDLERS[command](state, message, t_ns)
     return _plugged(command).respond(state, message, t_ns)
@@ -127,7 +136,9 @@ def _load(state: SessionState, message: Message, _t_ns: int) -> Reply:
     how = {f"scene.{key}": message[key] for key in ("layout", "grid") if key in message}
     settings = config_module.updated(state.config, how).scene
     return Reply(
-        load=PackerRequest(scenes=[scene], settings=settings, expand=at is None, remember=True)
+        load=PackerRequest(
+            scenes=[scene], settings=settings, expand=at is None, remember=True, scorer=SCORER
+        )
     )
 
 
@@ -193,11 +204,48 @@ def _output(state: SessionState, message: Message, _t_ns: int) -> Reply:
     )
 
 
+def _keep(state: SessionState, message: Message, _t_ns: int) -> Reply:
+    """Keeps settings for later sessions, in the user's file, or the depth order of the scene."""
+    depth = message.get("depth")
+    scene = state.options.scene
+    if "depth" in message:
+        if depth not in DEPTHS or scene is None:
+            raise BadMessage(f"keep: depth is {', '.join(DEPTHS)}, of the scene on the screen")
+        return Reply(check=FileCheck(check="keep depth", path=scene.pack, values={"depth": depth}))
+    section, values = message.get("section"), message.get("values")
+    if not isinstance(section, str) or not isinstance(values, dict) or not values:
+        raise BadMessage("keep needs a section and a map of keys and values, or a depth")
+    config_module.updated(state.config, {f"{section}.{key}": values[key] for key in values})
+    path = str(config_module.user_file())
+    return Reply(check=FileCheck(check="keep", path=path, section=section, values=values))
+
+
+def _dialog(state: SessionState, message: Message, _t_ns: int) -> Reply:
+    """Opens the desktop's dialog, for a folder or a file; `on_chosen` gets its path."""
+    folder = message.get("folder")
+    if not isinstance(folder, bool):
+        raise BadMessage("dialog needs `folder`: true for a folder, false for a file")
+    return Reply(dialog="folder" if folder else "file")
+
+
+def on_chosen(state: SessionState, message: Message, path: str) -> tuple[Message, Reply]:
+    """The request of a dialog with the chosen path as its scene, and the reply, which loads it.
+
+    path: "" if the dialog was cancelled. Raises like `respond`.
+    """
+    if not path:
+        return message, Reply(answer={"path": ""})
+    message = {**message, "scene": path}
+    return message, _load(state, message, 0)
+
+
 def respond_checked(state: SessionState, message: Message, result: Message, t_ns: int) -> Reply:
     """The reply to a request after its files were checked.
 
     The state may have changed meanwhile. Raises like `respond`.
     """
+    if message["cmd"] == "keep":
+        return Reply(answer={key: message[key] for key in KEPT if key in message})
     respond(state, message, t_ns)  # another client may have started one
     if message["cmd"] not in HANDLERS:
         return _plugged(message["cmd"]).respond_checked(state, message, result)
@@ -270,5 +318,7 @@ HANDLERS: dict[str, Handler] = {
     "pictures": _pictures,
     "trace": _output,
     "record": _output,
+    "keep": _keep,
+    "dialog": _dialog,
     "stop": lambda _state, _message, _t_ns: Reply(stop=True),
 }

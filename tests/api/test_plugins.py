@@ -78,7 +78,7 @@ NEVER = """
 import os
 import sys
 
-from lfpipe.render.ui.overlay import Pointer
+from lfpipe.render.display.overlay import Pointer
 
 class Engine:
     name, model, rotated_deg = "never", "none", 0

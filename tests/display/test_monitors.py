@@ -29,6 +29,7 @@ from lfpipe.render.display.monitors import (
     pixel_mm,
 )
 from lfpipe.render.display.window import USUAL_MM, ScreenWindow
+from lfpipe.render.ui.overlay_view import OverlayView
 from tests.support.sway_screen import sway
 from tests.support.xvfb_screen import look_at, outline, x_server
 
@@ -138,9 +139,15 @@ def x_with_two(two: str, monkeypatch: pytest.MonkeyPatch) -> str:
     return two
 
 
+def screen_window(
+    size_px: tuple[int, int], fullscreen: bool = False, monitor: str = ""
+) -> ScreenWindow:
+    return ScreenWindow(size_px, "lfpipe: a test", OverlayView(), fullscreen, monitor)
+
+
 def press(window: ScreenWindow, key: str) -> None:
     pygame.event.post(pygame.event.Event(pygame.KEYDOWN, unicode=key, key=0))
-    assert window.events() == ["fullscreen"]
+    assert [event.name for event in window.events()] == ["fullscreen"]
 
 
 @XWININFO
@@ -160,7 +167,7 @@ def test_screen_window_opens_on_the_chosen_monitor(
     windowed: tuple[int, ...],
     fullscreen: bool,
 ) -> None:
-    with closing(ScreenWindow((240, 240), "lfpipe: a test", fullscreen, monitor)) as window:
+    with closing(screen_window((240, 240), fullscreen, monitor)) as window:
         window.show(GREY)
         for now in (fullscreen, not fullscreen, fullscreen):
             assert outline("lfpipe: a test", x_with_two) == (whole if now else windowed)
@@ -183,7 +190,7 @@ def test_monitors_are_listed_by_name_and_place(x_with_two: str) -> None:
     finally:
         pygame.display.quit()
     with pytest.raises(UserError, match="no such monitor"):
-        ScreenWindow((64, 64), "", monitor="3")
+        screen_window((64, 64), monitor="3")
 
 
 @pytest.mark.skipif(
@@ -197,7 +204,7 @@ def test_screen_window_on_a_scaled_desktop_has_the_screens_pixels(
     with sway(1280, 800, 60, scale=2) as name:
         monkeypatch.setenv("WAYLAND_DISPLAY", name)
         monkeypatch.setenv("SDL_VIDEODRIVER", "wayland")
-        with closing(ScreenWindow((500, 400), "lfpipe: a test")) as window:
+        with closing(screen_window((500, 400))) as window:
             window.show(np.full((400, 500, 3), 90, np.uint8))
             share = window.width_mm() / USUAL_MM  # type: ignore[operator]
             assert monitors()[0].width == 640 < window._shown_px and share == pytest.approx(

@@ -11,16 +11,17 @@ from hypothesis import strategies as st
 
 from lfpipe.config import choices
 from lfpipe.render.display.display import Display
+from lfpipe.render.display.overlay import NO_EVENT, Event, Item, Menu, Overlay
 from lfpipe.render.display.window import TEXT_PX
 from lfpipe.render.ui.glasses import KINDS, glasses_menu
-from lfpipe.render.ui.overlay import DEPTH, EVENTS, HELP, KEYS, Item, Menu, Overlay, bar_items
-from lfpipe.render.ui.overlay_view import BAR_SHARE, OverlayView, Panel, bar_panel
+from lfpipe.render.ui.keys import ACTION_OF, DEPTH, HELP, KEYS, bar_items
+from lfpipe.render.ui.overlay_view import BAR_SHARE, ItemPanel, OverlayView, bar_panel
 from tests.display.test_window import GREY, becomes, pressed, window  # noqa: F401  (fixture)
 from tests.support.xvfb_screen import Screen
 
 SIZES = [(320, 240), (640, 480), (1920, 1080), (3840, 2160)]
 BAR = bar_items(0.0, False, False, frozenset())
-ARROWS = ["less", "more", "up", "down", "next", "previous"]
+ARROWS = ["left", "right", "up", "down", "pagedown", "pageup"]
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -38,20 +39,20 @@ class Screened(OverlayView):
         self.move(pygame.MOUSEMOTION, 0, 0)
         self.draw()
 
-    def draw(self) -> Panel:
+    def draw(self) -> ItemPanel:
         return next(
             panel for panel in self.panels(self.size, max(22, self.size[1] // 50)) if panel.cells
         )
 
-    def move(self, kind: int, x: int, y: int) -> str:
+    def move(self, kind: int, x: int, y: int) -> Event | None:
         return self.mouse(SimpleNamespace(type=kind, button=1), (x, y))  # type: ignore[arg-type]
 
-    def click(self, x: int, y: int) -> str:
+    def click(self, x: int, y: int) -> Event | None:
         event = self.move(pygame.MOUSEBUTTONDOWN, x, y)
         self.move(pygame.MOUSEBUTTONUP, x, y)
         return event
 
-    def clicked(self) -> Iterator[str]:
+    def clicked(self) -> Iterator[Event | None]:
         """What clicks all over the window cause."""
         return (
             self.click(x, y) for x in range(2, self.size[0], 7) for y in range(2, self.size[1], 7)
@@ -68,15 +69,15 @@ def test_bar_entries_can_be_clicked(
     assert width == size[0] and bar.at[1] + height == size[1]
     # the smallest window leaves no room for smaller letters
     assert height <= (0.45 if size == SIZES[0] else BAR_SHARE) * size[1]
-    assert {event.partition(" ")[0] for event in screened.clicked()} == {
-        "",
-        *(item.event for item in BAR),
+    assert {event and event.name for event in screened.clicked()} == {
+        None,
+        *(item.event.name for item in BAR),
     }
 
 
 def test_bar_items_show_their_keys() -> None:
-    assert all(EVENTS[item.key] == item.event for item in BAR if item.event != DEPTH)
-    assert len(EVENTS) == sum(len(row.keys.split()) for row in KEYS), "no key twice"
+    assert all(ACTION_OF[item.key] == item.event.name for item in BAR if item.slider is None)
+    assert len(ACTION_OF) == sum(len(row.keys.split()) for row in KEYS), "no key twice"
     fewer = bar_items(0.0, True, False, frozenset({DEPTH, "choose"}))
     assert len(fewer) == len(BAR) - 2 and any(item.warns for item in fewer)
 
@@ -85,15 +86,20 @@ def test_bar_goes_by_itself_but_not_while_the_slider_is_held(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     screened = Screened((1920, 1080), Overlay(bar=BAR))
-    _, rect = next(cell for cell in screened.draw().cells if cell[0].event == DEPTH)
+    _, rect = next(cell for cell in screened.draw().cells if cell[0].event.name == DEPTH)
     y = screened.draw().at[1] + rect.centery
     values = [screened.move(pygame.MOUSEBUTTONDOWN, rect.left + 1, y)]
     monkeypatch.setattr("time.monotonic", lambda now=pygame.time.get_ticks: 1e9 + now())
     assert screened.draw(), "held"
     values += [screened.move(pygame.MOUSEMOTION, x, y) for x in range(rect.left, 1920, 10)]
-    numbers = [float(value.removeprefix("depth ")) for value in values]
-    assert numbers == sorted(numbers) and numbers[0] == 0.0 and numbers[-1] == 1.0
-    assert screened.move(pygame.MOUSEBUTTONUP, 0, 0) == ""
+    numbers = [event.value for event in values if event is not None and event.name == DEPTH]
+    assert (
+        len(numbers) == len(values)
+        and numbers == sorted(numbers)
+        and numbers[0] == 0.0
+        and numbers[-1] == 1.0
+    )
+    assert screened.move(pygame.MOUSEBUTTONUP, 0, 0) is None
     monkeypatch.setattr("time.monotonic", lambda: 1e12)
     assert screened.panels((1920, 1080), 22) == []
 
@@ -106,26 +112,26 @@ def test_glasses_menu_entries_can_be_clicked(size: tuple[int, int]) -> None:
     panels = [panel.surface.get_rect(topleft=panel.at) for panel in screened.panels(size, 22)]
     assert len(panels) == 2 and not panels[0].colliderect(panels[1])
     assert all(pygame.Rect((0, 0), size).contains(panel) for panel in panels)
-    assert set(screened.clicked()) == {"", "close", *(item.event for item in menu.items)}
-    assert [screened.key(key) for key in ("enter", "more", "enter")] == [
-        "wear mono",
-        "",
-        "wear dubois",
+    assert set(screened.clicked()) == {None, Event("close"), *(item.event for item in menu.items)}
+    assert [screened.key(key) for key in ("enter", "right", "enter")] == [
+        Event("wear", "mono"),
+        None,
+        Event("wear", "dubois"),
     ]
 
 
 @pytest.mark.parametrize("size", SIZES)
 def test_menu_of_several_pages_is_turned_by_touch(size: tuple[int, int]) -> None:
-    items = tuple(Item(f"scene {number}", f"load {number}") for number in range(99))
+    items = tuple(Item(f"scene {number}", Event("load", str(number))) for number in range(99))
     screened = Screened(size, Overlay(menu=Menu("Choose a scene", "a hint", items)))
-    reached = set[str]()
-    for turn in ("next", "previous"):
+    reached = set[Event]()
+    for turn in ("pagedown", "pageup"):
         for _ in items:
             cells = screened.draw().cells
             reached |= {item.event for item, _ in cells}
-            (rect,) = (rect for item, rect in cells if item.event == turn)
-            assert screened.click(*rect.move(screened.draw().at).center) == ""
-        assert screened.key("enter") == ("load 98" if turn == "next" else "load 0")
+            (rect,) = (rect for item, rect in cells if item.event.name == turn)
+            assert screened.click(*rect.move(screened.draw().at).center) is None
+        assert screened.key("enter") == Event("load", "98" if turn == "pagedown" else "0")
     assert {item.event for item in items} <= reached
 
 
@@ -137,22 +143,24 @@ def test_menu_of_several_pages_is_turned_by_touch(size: tuple[int, int]) -> None
 )
 def test_menu_shows_the_selected_item(count: int, size: tuple[int, int], keys: list[str]) -> None:
     items = tuple(
-        Item(f"scene {k}", f"load /{k}", picture=np.zeros((6, 8, 3), np.uint8))
+        Item(f"scene {k}", Event("load", f"/{k}"), picture=np.zeros((6, 8, 3), np.uint8))
         for k in range(count)
     )
     screened = Screened(size, Overlay(menu=Menu("", "a hint", items, count // 2)))
     for key in keys:
-        assert screened.key(key) == ""
+        assert screened.key(key) is None
         screened.draw()
     selected = screened.key("enter")
     assert selected in {item.event for item, _ in screened.draw().cells}
-    assert screened.key("delete") == f"delete {selected}" and screened.key("mode") == "mode"
+    assert selected is not None
+    assert screened.key("delete") == Event("delete", selected.text)
+    assert screened.key("m") == Event("mode")
     screened.set(Overlay(menu=Menu("", "a hint", items[:-1] or items, 0)))  # of the same title
     assert screened.key("enter") == selected or selected == items[-1].event
     screened.draw()
     remaining = len(items[:-1] or items)
     assert (
-        len({screened.key("more") or screened.key("enter") for _ in range(remaining)}) == remaining
+        len({screened.key("right") or screened.key("enter") for _ in range(remaining)}) == remaining
     ), "one key reaches all"
 
 
@@ -161,13 +169,13 @@ def test_menu_shows_the_selected_item(count: int, size: tuple[int, int], keys: l
     [
         (Overlay(lines=HELP), "close"),
         (Overlay(menu=glasses_menu("mono")), "close"),
-        (Overlay(), "escape"),
+        (Overlay(), "leave-fullscreen"),
     ],
 )
 def test_overlay_escape_closes_what_is_over_the_picture(overlay: Overlay, event: str) -> None:
     view = OverlayView()
     view.set(overlay)
-    assert view.key("escape") == event
+    assert view.key("escape") == Event(event)
 
 
 def test_bar_comes_with_the_mouse_and_a_click_is_a_key(
@@ -177,7 +185,7 @@ def test_bar_comes_with_the_mouse_and_a_click_is_a_key(
     display = window((853, 500))
     display.show(GREY)
     display.overlay(Overlay(bar=BAR))
-    top_px = bar_panel(BAR, "", (853, 500), TEXT_PX).at[1]
+    top_px = bar_panel(BAR, NO_EVENT, (853, 500), TEXT_PX).at[1]
     pygame.event.post(
         pygame.event.Event(pygame.MOUSEMOTION, pos=(350, 200), rel=(1, 1), buttons=(0, 0, 0))
     )

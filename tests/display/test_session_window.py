@@ -116,7 +116,7 @@ def _exchange_near_and_far(world: World, screen: Screen, exchange: Callable[[str
             f"the picture with invert_depth={word}",
         )
         assert [
-            file.read_text() for file in (world.root / "state" / "lfpipe" / "half_turns").iterdir()
+            file.read_text() for file in (world.root / "state" / "lfpipe" / "depth_order").iterdir()
         ] == [word]
 
 

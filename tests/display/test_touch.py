@@ -5,11 +5,12 @@ another entry of the bar; a recording is shown as long as it runs.
 import tomllib
 
 from lfpipe.config import Render
+from lfpipe.render.display.overlay import Overlay
 from lfpipe.render.display.window import TEXT_PX
 from lfpipe.render.display.window_system import pygame
 from lfpipe.render.ui.glasses import glasses_menu, instructions
-from lfpipe.render.ui.overlay import CLOSE, HELP, Overlay
-from lfpipe.render.ui.overlay_view import Panel, menu_panel, text_panel
+from lfpipe.render.ui.keys import HELP
+from lfpipe.render.ui.overlay_view import ItemPanel, menu_panel, text_panel
 from tests.support.finger import Finger
 from tests.support.world import World, write_scene
 from tests.support.xvfb_screen import Screen, needs_xdotool, outline
@@ -35,20 +36,20 @@ def test_touch_closes_pages_by_their_cross_and_by_another_entry(
     test = text_panel(Overlay(lines=lines, items=items), area[1], (width, height), TEXT_PX)
     help_page = text_panel(Overlay(lines=HELP), None, (width, height), TEXT_PX)
 
-    def comes(panel: Panel) -> None:
+    def comes(panel: ItemPanel) -> None:
         world.wait_for(lambda: finger.dark(panel), "the panel")
 
-    def goes(panel: Panel) -> None:
+    def goes(panel: ItemPanel) -> None:
         world.wait_for(lambda: not finger.dark(panel), "the picture alone")
 
     comes(question)
-    finger.touch(question, "wear dubois")
+    finger.touch(question, "wear", "dubois")
     settings = world.root / "settings" / "lfpipe" / "config.toml"
     world.wait_for(lambda: settings.exists() and "dubois" in settings.read_text(), "an answer")
     comes(test)
     finger.touch(test, "swap")
     world.wait_for(lambda: world.monitor()["config"]["render"]["swap_eyes"], "eyes swapped")
-    finger.touch(test, CLOSE.event)
+    finger.touch(test, "close")
     world.wait_for(
         lambda: tomllib.loads(settings.read_text())["render"].get("swap_eyes"), "changes kept"
     )
@@ -56,7 +57,7 @@ def test_touch_closes_pages_by_their_cross_and_by_another_entry(
     for event, panel in (("help", help_page), ("which", question)):
         finger.use_bar(event)
         comes(panel)
-        finger.touch(panel, CLOSE.event)
+        finger.touch(panel, "close")
         goes(panel)
         finger.use_bar(event)
         comes(panel)

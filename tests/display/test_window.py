@@ -15,8 +15,10 @@ import pytest
 
 from lfpipe.render.display.display import Display
 from lfpipe.render.display.open_display import HINT, open_display, parse_display
+from lfpipe.render.display.overlay import Item, Menu, Overlay
 from lfpipe.render.display.window import ScreenWindow
-from lfpipe.render.ui.overlay import EVENTS, HELP, KEYS, Item, Menu, Overlay
+from lfpipe.render.ui.keys import ACTION_OF, HELP, KEYS
+from lfpipe.render.ui.overlay_view import OverlayView
 from tests.support.processes import end
 from tests.support.world import until
 from tests.support.xdnd import drop
@@ -31,7 +33,7 @@ def window(screen: Screen) -> Iterator[Callable[..., Display]]:
     opened = []
 
     def make(size: tuple[int, int], spec: str = "window") -> Display:
-        opened.append(open_display(parse_display(spec), size, "lfpipe: a test", 60.0))
+        opened.append(open_display(parse_display(spec), size, "lfpipe: a test", 60.0, OverlayView))
         assert becomes(pygame.key.get_focused, opened[-1])
         return opened[-1]
 
@@ -159,7 +161,9 @@ def test_screen_window_on_ten_bits_per_colour(
     with x_server(command, tmp_path) as name:
         look_at(name, monkeypatch)
         deep = Screen(name, tmp_path / "Xvfb_screen0")
-        with closing(ScreenWindow((640, 480), "lfpipe: a test", fullscreen=True)) as display:
+        with closing(
+            ScreenWindow((640, 480), "lfpipe: a test", OverlayView(), fullscreen=True)
+        ) as display:
             picture = np.full((480, 640, 3), (200, 100, 50), np.uint8)
             display.show(picture)
             levels = [round(level * 1023 / 255) for level in (50, 100, 200)]
@@ -193,7 +197,7 @@ def pressed(display: Display, count: int = 1) -> list[str]:
     events: list[str] = []
 
     def enough() -> bool:
-        events.extend(display.events())
+        events.extend(" ".join(filter(None, (one.name, one.text))) for one in display.events())
         return len(events) >= count
 
     until(enough, f"{count} events", WAIT_S)
@@ -224,7 +228,7 @@ def test_screen_window_keys(window: Callable[..., Display]) -> None:
     }
     keys |= {
         key: event
-        for key, event in EVENTS.items()
+        for key, event in ACTION_OF.items()
         if len(key) == 1 and key.isalpha() and key not in "fh"
     }
     press("y", "F5", "Insert", "Escape", *keys)
@@ -275,7 +279,7 @@ def test_screen_window_framed_stays_where_it_was_over_full_screen(
             # its last property: a window that opens while it starts is never mapped
             root = ["xprop", "-root", "_NET_CLIENT_LIST"]
             until(lambda: b"window id" in subprocess.check_output(root), "openbox", WAIT_S)
-            display = ScreenWindow((853, 500), "lfpipe: a test")
+            display = ScreenWindow((853, 500), "lfpipe: a test", OverlayView())
             display.show(GREY)
             size = (1280, 800)
             places = []

@@ -25,7 +25,7 @@ ALLOWED = {
     "api/scenes.py": "into the file of `replaced`",
     "bench/page.py": "into memory",
     "cli/sequence.py": "into a file that it has just made",
-    "export/pictures.py": "into memory, or the file of its caller",
+    "extras/export/pictures.py": "into memory, or the file of its caller",
     "files/output.py": "marks the video that its caller has just written",
     "files/video_writer.py": "FFmpeg opens an OutputFile by its random name, or by its descriptor",
     "host/file_lock.py": "locks: never followed, never written",

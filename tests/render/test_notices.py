@@ -19,8 +19,8 @@ from lfpipe.transport.clock import SECOND_NS, now_ns
 def test_notices_pass_and_states_stay() -> None:
     notices = Notices()
     t_ns = now_ns()
-    notices.say("mode", "mode: grey")
-    notices.say("mode", "mode: mono")
+    notices.show("mode", "mode: grey")
+    notices.show("mode", "mode: mono")
     assert notices.lines(t_ns + SHOWN_NS - 1, ["", "paused"]) == ("mode: mono", "paused")
     assert notices.lines(now_ns() + SHOWN_NS, ["", "paused"]) == ("paused",)
 
@@ -88,7 +88,7 @@ def test_scene_loader_says_how_far_a_scene_is_loaded() -> None:
     scenes, asked = loader(notices, playlist=("/a", "/b"))
 
     def shown() -> list[str]:
-        return list(filter(None, (*notices.lines(now_ns(), []), scenes.words(now_ns()))))
+        return list(filter(None, (*notices.lines(now_ns(), []), scenes.status(now_ns()))))
 
     def report(scene: str, step: str) -> None:
         scenes.report({"scene": scene, "step": step, "shown": False, "share": None})
@@ -101,8 +101,8 @@ def test_scene_loader_says_how_far_a_scene_is_loaded() -> None:
     report("b", "disparity 3 of 81")
     assert shown() == ["loading b: 2 of 2, disparity 3 of 81"]
     scenes.step(1)  # from the one that is on its way: the first, which replaces it
-    scenes.answered({"ok": False, "error": "replaced", "replaced": True})
+    scenes.handle({"cmd": "load", "ok": False, "error": "replaced", "replaced": True})
     assert asked == [{"load": {"scene": "/b"}}, {"load": {"scene": "/a"}}]
     report("a", "")
-    scenes.answered({"ok": False, "error": "/a: the folder is empty"})
+    scenes.handle({"cmd": "load", "ok": False, "error": "/a: the folder is empty"})
     assert shown() == ["loading a: 1 of 2: refused\n/a: the folder is empty"]

@@ -130,7 +130,7 @@ def distance_share(start: float, eye_distance: float, seconds: float) -> float:
 
 
 @pytest.mark.parametrize(
-    ("apart", "seconds", "share"),
+    ("eye_distance", "seconds", "share"),
     [(61.0, 1.0, 1 - 1 / math.e), (30.0, 0.25, 1 - 1 / math.e), (30.0, 5.0, 1.0)],
     ids=["noise: 2 % or less", "beyond it", "at last"],
 )
@@ -212,10 +212,10 @@ def test_viewer_neutral_follows_a_rest_beyond_the_grid() -> None:
 
 def test_viewer_keeps_alpha_of_a_turned_head() -> None:
     subject = viewer()
-    script(subject, (3.0, {"apart": 60.0, "eye_distance_px": 60.0}))
+    script(subject, (3.0, {"eye_distance": 60.0, "eye_distance_px": 60.0}))
     assert subject.solver is not None
     alpha = subject.solver.alpha_px
-    script(subject, (3.0, {"apart": 53.0, "eye_distance_px": 60.0}), start_s=3.0)
+    script(subject, (3.0, {"eye_distance": 53.0, "eye_distance_px": 60.0}), start_s=3.0)
     assert subject.solver.alpha_px == pytest.approx(alpha, rel=1e-6)
 
 

@@ -27,9 +27,9 @@ from lfpipe.host.machine import OPENCV
 from lfpipe.render.choice import TrackedEyes
 from lfpipe.render.listeners import replay_writer
 from lfpipe.render.listeners.replay_writer import PICTURES, ReplayWriter
-from lfpipe.replay.compare import MAX_FIELDS, compare
-from lfpipe.replay.report import REPORT, TRACE, about_scene, digests, read_trace
-from lfpipe.replay.run import clear_out, recover_reference, update_of
+from lfpipe.replays.compare import MAX_FIELDS, compare
+from lfpipe.replays.report import REPORT, TRACE, about_scene, digests, read_trace
+from lfpipe.replays.run import clear_out, recover_reference, update_of
 from lfpipe.sequence.packets import INDEX, PACKETS, PacketWriter, decoded, encoded, read_index
 from lfpipe.transport.ring import Stamp
 from tests.render import rendered
@@ -382,7 +382,7 @@ def kill(event, arguments):
             os.kill(os.getpid(), signal.SIGKILL)
 
 from pathlib import Path
-from lfpipe.replay.run import update_of
+from lfpipe.replays.run import update_of
 sys.addaudithook(kill)
 with update_of(Path(sys.argv[2])) as replace:
     replace(Path(sys.argv[3]))

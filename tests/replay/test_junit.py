@@ -11,9 +11,9 @@ import pytest
 
 from lfpipe import cli
 from lfpipe.errors import UserError
-from lfpipe.replay import run
-from lfpipe.replay.compare import Difference, cases_of
-from lfpipe.replay.report import write_junit
+from lfpipe.replays import run
+from lfpipe.replays.compare import Difference, cases_of
+from lfpipe.replays.report import write_junit
 from tests.support import hostile_sequences
 from tests.support.world import World
 

@@ -22,8 +22,8 @@ from hypothesis import strategies as st
 from lfpipe import config
 from lfpipe.capture.open_source import check_source, open_source
 from lfpipe.errors import UserError
-from lfpipe.replay.report import about_sequence
-from lfpipe.replay.run import replay_config
+from lfpipe.replays.report import about_sequence
+from lfpipe.replays.run import replay_config
 from lfpipe.sequence import edit
 from lfpipe.sequence.eyes import TRUTH, read_truth
 from lfpipe.sequence.folder import MANIFEST, open_sequence

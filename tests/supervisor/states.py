@@ -60,6 +60,10 @@ fields = st.fixed_dictionaries(
         "eyes": values,
         "start": values,
         "stop": values,
+        "section": st.sampled_from(["render", "camera", ""]) | values,
+        "values": st.dictionaries(texts, leaves, max_size=3) | values,
+        "depth": st.sampled_from(["yes", "asked"]) | values,
+        "folder": values,
     },
 )
 messages = st.builds(

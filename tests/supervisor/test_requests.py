@@ -10,14 +10,16 @@ import attrs
 import pytest
 from hypothesis import given, settings
 
-from lfpipe.config import Scene, SceneSummary
+from lfpipe.config import Scene, SceneSummary, user_file
 from lfpipe.config.modes import MouseViewer, NoViewer
 from lfpipe.errors import UserError
 from lfpipe.scene.open_scene import PackerRequest
 from lfpipe.supervisor.file_checks import FileCheck
+from lfpipe.supervisor.process_table import SCORER
 from lfpipe.supervisor.requests import (
     Reply,
     commands,
+    on_chosen,
     on_complete,
     on_load,
     respond,
@@ -37,7 +39,7 @@ LIST: Message = {"playlist": ("/a", "/b", "/c"), "playlist_at": 2}
 def reply_to(state: SessionState, message: Message) -> Reply | str:
     """The reply, or the text of the refusal."""
     try:
-        return respond(state, message, 7)
+        return respond(state, message, 7, "render")
     except BadMessage as error:
         return str(error)
     except UserError as error:
@@ -110,6 +112,12 @@ REFUSED: list[tuple[str, Message, str, list[Message]]] = [
     ("record", {}, "absolute path", [{"path": "r"}, {"path": 5}]),
     ("record", {"viewer": NoViewer()}, "single view", [{"path": "/r"}]),
     ("trace", {}, "absolute path", [{"path": "t"}, {}]),
+    ("keep", {}, "needs a section", [{}, {"section": "render"}, {"values": {"method": "warp"}}]),
+    ("keep", {}, "unknown key", [{"section": "render", "values": {"x": 1}}]),
+    ("keep", {}, "out of range", [{"section": "render", "values": {"alpha_px": -1}}]),
+    ("keep", {}, "depth is", [{"depth": "perhaps"}, {"depth": None}, {"depth": []}]),
+    ("keep", {"scene": None}, "depth is", [{"depth": "yes"}]),
+    ("dialog", {}, "needs `folder`", [{}, {"folder": 1}]),
 ]
 
 
@@ -140,7 +148,9 @@ def test_respond_load_takes_a_path_a_number_or_a_step(words: Message, path: str)
     for settings_ in cases:
         reply = respond(made_state(**LIST), {"cmd": "load", **words, **settings_}, 0)
         settings = Scene(**settings_)
-        asked = PackerRequest(scenes=[path], settings=settings, expand=path == "/x", remember=True)
+        asked = PackerRequest(
+            scenes=[path], settings=settings, expand=path == "/x", remember=True, scorer=SCORER
+        )
         assert reply == Reply(load=asked)
 
 
@@ -196,6 +206,34 @@ def test_respond_changes_the_option_that_is_named(
     assert {key for key in after if after[key] != before[key]} <= {*changed, "packets"}, (
         "and nothing else"
     )
+
+
+def test_only_the_window_keeps_settings_and_opens_dialogs() -> None:
+    keep = {"cmd": "keep", "section": "render", "values": {"swap_eyes": True}}
+    for message in (keep, {"cmd": "dialog", "folder": True}):
+        for sender in ("", "track", "monitor"):
+            with pytest.raises(BadMessage, match="only the window"):
+                respond(made_state(), message, 0, sender)
+    check = FileCheck(
+        check="keep", path=str(user_file()), section="render", values={"swap_eyes": True}
+    )
+    assert respond(made_state(), keep, 0, "render") == Reply(check=check)
+    answer = {"section": "render", "values": {"swap_eyes": True}}
+    assert respond_checked(made_state(), keep, {}, 0) == Reply(answer=answer)
+    depth = {"cmd": "keep", "depth": "yes"}
+    check = FileCheck(check="keep depth", path=SCENE.pack, values={"depth": "yes"})
+    assert respond(made_state(), depth, 0, "render") == Reply(check=check)
+    assert respond_checked(made_state(), depth, {}, 0) == Reply(answer={"depth": "yes"})
+
+
+def test_on_chosen_loads_the_path_unless_the_dialog_was_cancelled() -> None:
+    asked = {"cmd": "dialog", "folder": True}
+    assert respond(made_state(), asked, 0, "render") == Reply(dialog="folder")
+    assert on_chosen(made_state(), asked, "") == (asked, Reply(answer={"path": ""}))
+    message, reply = on_chosen(made_state(**LIST), asked, "/b")
+    assert reply == respond(made_state(**LIST), {"cmd": "load", "scene": "/b"}, 0)
+    loaded = on_load(made_state(**LIST), message, SCENE)
+    assert loaded.state is not None and loaded.state.options.playlist_at == 1
 
 
 def test_on_load_takes_the_scenes_of_a_folder_as_the_playlist() -> None:

@@ -1,4 +1,4 @@
-"""The bytes of messages between processes, and the keys of answers and figures in their order.
+"""The bytes of messages between processes, and the keys of answers and metrics in their order.
 
 `wire_format.json` holds them as maps, in the order of their keys.
 """
@@ -152,7 +152,7 @@ def _row(name: str, **values: object) -> np.ndarray[Any, Any]:
     return row
 
 
-def test_wire_format_of_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_wire_format_of_metrics(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (metrics, "lfpipe.transport.status", "lfpipe.transport.notices"):
         monkeypatch.setattr(f"{getattr(module, '__name__', module)}.now_ns", lambda: T_NS)
     monkeypatch.setattr(metrics, "usable_cores", lambda pid: [0, 1])
@@ -177,7 +177,7 @@ def test_wire_format_of_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     made = metrics.session_metrics("one", rows, session, T_NS - 5 * SECOND_NS)
     watched = attrs.evolve(made.stages["track"], cpu_percent=12.5, rss_mb=80.0)
     made = attrs.evolve(made, stages={"track": watched})
-    assert_same("figures at a lower level, watched", made.to_dict())
+    assert_same("metrics at a lower level, watched", made.to_dict())
 
 
 def test_wire_format_of_answers(tmp_path: Path) -> None:

@@ -2,9 +2,10 @@
 
 import attrs
 
+from lfpipe.render.display.overlay import NO_EVENT, Event
 from lfpipe.render.display.window import TEXT_PX
-from lfpipe.render.ui.overlay import bar_items
-from lfpipe.render.ui.overlay_view import Panel, bar_panel
+from lfpipe.render.ui.keys import bar_items
+from lfpipe.render.ui.overlay_view import ItemPanel, bar_panel
 from tests.support.world import World
 from tests.support.xvfb_screen import Screen, outline
 
@@ -33,21 +34,22 @@ class Finger:
         left, top, _, _ = self.place
         self.world.xdotool("mousemove", left + x, top + y, "click", 1)
 
-    def touch(self, panel: Panel, event: str) -> None:
+    def touch(self, panel: ItemPanel, event: str, text: str = "") -> None:
         """Taps on the item of that event."""
-        rect = next(rect for item, rect in panel.cells if item.event == event)
+        wanted = Event(event, text)
+        rect = next(rect for item, rect in panel.cells if item.event == wanted)
         self.tap(*rect.move(panel.at).center)
 
-    def bar(self, recording: bool = False, paused: bool = False) -> Panel:
+    def bar(self, recording: bool = False, paused: bool = False) -> ItemPanel:
         items = bar_items(0.0, recording, paused, self.without)
-        return bar_panel(items, "", self.size_px, TEXT_PX)
+        return bar_panel(items, NO_EVENT, self.size_px, TEXT_PX)
 
     def use_bar(self, event: str, recording: bool = False, paused: bool = False) -> None:
         """A tap on the picture brings the bar; another one chooses."""
         self.tap(5, 5)
         self.touch(self.bar(recording, paused), event)
 
-    def dark(self, panel: Panel) -> bool:
+    def dark(self, panel: ItemPanel) -> bool:
         """Whether the panel lies over the picture, which the bar and panels darken."""
         left, top = self.place[0] + panel.at[0], self.place[1] + panel.at[1]
         rows, cols = panel.surface.get_height(), panel.surface.get_width()

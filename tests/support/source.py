@@ -25,6 +25,6 @@ def nodes(kind: type[Node]) -> Iterator[tuple[str, Node]]:
         yield from ((name, node) for node in ast.walk(tree) if isinstance(node, kind))
 
 
-def room(module: str) -> str:
-    """The folder of a module, or its own name where it stands loose."""
+def package_of(module: str) -> str:
+    """The package of a module, or its own name if it is a top-level module."""
     return Path(module).with_suffix("").parts[0]

@@ -20,7 +20,8 @@ from lfpipe.errors import UserError
 from lfpipe.files.output import write_output
 from lfpipe.render.synthesis.anaglyph import MATRICES
 from lfpipe.render.synthesis.compositor import ViewRenderer, method_for
-from lfpipe.render.viewer.geometry import parallax, zero_plane_px
+from lfpipe.render.synthesis.zero_plane import zero_plane_px
+from lfpipe.render.viewer.geometry import parallax
 from lfpipe.scene.lightfield import LightField
 
 MAX_BYTES = 8_000_000  # of the page

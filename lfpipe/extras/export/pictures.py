@@ -27,7 +27,8 @@ from lfpipe.files.output import MARK, marked_picture
 from lfpipe.files.safe_files import replaced
 from lfpipe.files.video_writer import VideoWriter, require_encoder, write_error
 from lfpipe.render.synthesis.compositor import ViewRenderer
-from lfpipe.render.viewer.geometry import parallax, zero_plane_px
+from lfpipe.render.synthesis.zero_plane import zero_plane_px
+from lfpipe.render.viewer.geometry import parallax
 from lfpipe.scene.lightfield import LightField
 
 Picture = NDArray[np.uint8]

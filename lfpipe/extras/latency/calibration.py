@@ -27,8 +27,8 @@ from lfpipe.extras.latency.estimate import (
 )
 from lfpipe.render.display.monitors import Monitor
 from lfpipe.render.display.open_display import has_display
+from lfpipe.render.display.overlay import Overlay
 from lfpipe.render.display.refresh import ScreenClock
-from lfpipe.render.ui.overlay import Overlay
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns, sleep_until
 from lfpipe.transport.ring import StampKind
 
@@ -153,11 +153,12 @@ class _FlippingWindow:
 
     def __init__(self, config: Config, watch: CameraWatch) -> None:
         from lfpipe.render.display.window import ScreenWindow
+        from lfpipe.render.ui.overlay_view import OverlayView
 
         self._camera = config.camera
         self._watch = watch
         self.window = ScreenWindow(
-            WINDOW_PX, "lfpipe calibrate", monitor=str(config.screen.monitor)
+            WINDOW_PX, "lfpipe calibrate", OverlayView(), monitor=str(config.screen.monitor)
         )
         self._levels = [np.full((9, 16, 3), 255 * white, np.uint8) for white in (0, 1)]
         hz = self.window.nominal_hz()
@@ -209,7 +210,7 @@ class _FlippingWindow:
             self._due_ns = clock.nearest(self._due_ns)
         begin_ns = self._due_ns - lead_ns
         while now_ns() < begin_ns:
-            if {"quit", "close"} & set(window.events()):
+            if {"quit", "close"} & {event.name for event in window.events()}:
                 raise AGAIN
             sleep_until(min(begin_ns, now_ns() + EVENTS_NS))
         t_ns = now_ns()

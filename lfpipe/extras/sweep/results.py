@@ -15,7 +15,7 @@ from lfpipe.errors import UserError, plain
 from lfpipe.extras.sweep.plan import Cell
 from lfpipe.files.output import check_output, write_output
 from lfpipe.files.safe_files import LineFile, reason
-from lfpipe.replay.junit import Kind, TestCase, junit
+from lfpipe.replays.junit import Kind, TestCase, junit
 
 OK, DIFFERS, FAILED, LEFT_OUT = "ok", "differs", "failed", "left out"
 DONE = (OK, DIFFERS, LEFT_OUT)  # not measured again

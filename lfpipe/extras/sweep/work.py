@@ -23,7 +23,7 @@ from lfpipe.files.output import write_output
 from lfpipe.files.safe_files import read_text, temporary_folder
 from lfpipe.files.untrusted import json_fields
 from lfpipe.host.files import exists, is_dir
-from lfpipe.replay.report import REPORT, REPORT_BYTES, read_report
+from lfpipe.replays.report import REPORT, REPORT_BYTES, read_report
 
 REASON_CHARS = 2000  # of a line of results: the end of a traceback
 REFERENCE = "metrics.json"  # in the reference of a cell without pictures

@@ -24,7 +24,7 @@ from lfpipe.config import converter
 from lfpipe.errors import UserError
 from lfpipe.monitor.monitor import photon_words
 from lfpipe.monitor.session_reader import Follower, Sample, ask
-from lfpipe.render.viewer.geometry import zero_planes_px
+from lfpipe.render.synthesis.zero_plane import zero_planes_px
 from lfpipe.transport import control, ring
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.session import Session

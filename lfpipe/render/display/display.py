@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.host.presentation import Presented
+from lfpipe.render.display.overlay import Event, Overlay, Pointer
 from lfpipe.render.synthesis.pair_layout import Pair
-from lfpipe.render.ui.overlay import Overlay, Pointer
 
 
 @attrs.frozen
@@ -53,13 +53,12 @@ class Display:
         return []
 
     def nominal_hz(self) -> float:
-        """The refresh rate that the screen claims; asked only if blanks are reported."""
+        """The refresh rate that the screen claims; asked only if vblanks are reported."""
         return 0.0
 
-    def events(self) -> list[str]:
-        """Keys, clicks and drops since the last call: the events of `overlay.KEYS` and of the
-        overlay's items, names of arrows, "close", "load PATH", "click X Y" in px of the picture.
-        Call it often: it keeps a window alive.
+    def events(self) -> list[Event]:
+        """What a person did since the last call: actions of keys, events of the overlay's items,
+        "load" for a dropped file, "click" on the picture. Call it often: it keeps a window alive.
         """
         return []
 

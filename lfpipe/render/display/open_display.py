@@ -3,15 +3,19 @@
 import contextlib
 import os
 import socket
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from lfpipe.config.modes import Nothing, Plugin, Target, VideoFile, Window
 from lfpipe.errors import UserError
 from lfpipe.host.machine import has_desktop
 from lfpipe.plugins import DISPLAYS, Results, load, make, plugins
 from lfpipe.render.display.display import Display
-from lfpipe.render.ui.overlay import Pointer
+from lfpipe.render.display.overlay import Pointer
+
+if TYPE_CHECKING:
+    from lfpipe.render.display.window import OverlayView
 
 HINT = "h shows the keys, g tests your glasses"
 BUILT_IN = ("window", "fullscreen", "none", "file")
@@ -110,21 +114,23 @@ def open_display(
     size_px: tuple[int, int],
     title: str,
     rate_hz: float,
+    make_view: "Callable[[], OverlayView]",
     monitor: str = "",
     restarts: int = 0,
 ) -> Display:
     """Opens a display that `check_display` has accepted.
 
     size_px: (width, height) of the pictures; rate_hz: their highest rate, and the rate of a video;
-    monitor: `screen.monitor`; restarts: how often the process that writes a video was restarted,
-    which makes the next file. Raises UserError if it cannot be opened.
+    make_view: makes what draws the overlay in a window; monitor: `screen.monitor`; restarts: how
+    often the process that writes a video was restarted, which makes the next file. Raises
+    UserError if it cannot be opened.
     """
     match target:
         case Window(fullscreen=fullscreen, lock_code=code):
             from lfpipe.render.display.window import ScreenWindow
 
             title = title if code else f"{title} ({HINT})"
-            return ScreenWindow(size_px, title, fullscreen, monitor, code)
+            return ScreenWindow(size_px, title, make_view(), fullscreen, monitor, code)
         case VideoFile(path):
             from lfpipe.render.display.file_display import FileDisplay
 

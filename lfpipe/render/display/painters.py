@@ -7,8 +7,10 @@ the processor fills the window's surface. Of both:
 """
 
 import contextlib
+from collections.abc import Sequence
 from typing import Any
 
+import attrs
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +19,17 @@ from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area
 from lfpipe.render.display.window_system import pygame, uses_renderer, video
 from lfpipe.render.synthesis.pair_layout import scale_into
-from lfpipe.render.ui.overlay_view import Panel
 
 RED_MASKS = {0xFF0000: cv2.COLOR_BGR2BGRA, 0xFF: cv2.COLOR_BGR2RGBA}
+
+
+@attrs.frozen(eq=False, kw_only=True)
+class Panel:
+    """A drawn surface over the picture; a painter keeps what it derives from one."""
+
+    surface: pygame.Surface
+    at: tuple[int, int]
+    """Its top left corner in the window, px."""
 
 
 class SurfacePainter:
@@ -40,7 +50,7 @@ class SurfacePainter:
     def size_px(self) -> tuple[int, int]:
         return self._window.get_surface().get_size()
 
-    def paint(self, picture: NDArray[np.uint8], panels: list[Panel]) -> None:
+    def paint(self, picture: NDArray[np.uint8], panels: Sequence[Panel]) -> None:
         surface = self._window.get_surface()
         self._write(surface, picture)
         surface.blits([(panel.surface, panel.at) for panel in panels])
@@ -84,7 +94,7 @@ class RendererPainter:
         viewport = self._renderer.get_viewport()
         return viewport.width, viewport.height
 
-    def paint(self, picture: NDArray[np.uint8], panels: list[Panel]) -> None:
+    def paint(self, picture: NDArray[np.uint8], panels: Sequence[Panel]) -> None:
         rows, cols = picture.shape[:2]
         if self._texture is None or self._four.shape[:2] != (rows, cols):
             self._four = np.empty((rows, cols, 4), np.uint8)
@@ -117,7 +127,7 @@ def open_painter(window: pygame.Window, driver: str) -> SurfacePainter | Rendere
     if not uses_renderer(driver):
         with contextlib.suppress(pygame.error):
             return SurfacePainter(window)
-    # A Wayland compositor takes the newest complete picture at each blank: waiting for the
+    # A Wayland compositor takes the newest complete picture at each vblank: waiting for the
     # previous one would only make the next one older.
     with contextlib.suppress(pygame.error):
         return RendererPainter(window, wait=driver != "wayland")

@@ -4,6 +4,8 @@ the times of display.
 
 import contextlib
 import time
+from collections.abc import Sequence
+from typing import Protocol
 
 import attrs
 import numpy as np
@@ -15,11 +17,10 @@ from lfpipe.host.presentation import Presented
 from lfpipe.render.display import window_system
 from lfpipe.render.display.display import Display
 from lfpipe.render.display.monitors import find_monitor, monitors
-from lfpipe.render.display.painters import open_painter
+from lfpipe.render.display.overlay import Event, Overlay
+from lfpipe.render.display.painters import Panel, open_painter
 from lfpipe.render.display.window_system import open_presentation, pygame
 from lfpipe.render.synthesis.pair_layout import Pair, arrange_stereo_pair
-from lfpipe.render.ui.overlay import EVENTS, Overlay
-from lfpipe.render.ui.overlay_view import OverlayView, Panel
 
 USUAL_MM = 531.0  # width of a 24-inch screen of 16:9, for monitors that report no size
 # of the monitor's height: TEXT_PX is too small on a fine monitor
@@ -30,21 +31,46 @@ MOUSE = (pygame.MOUSEMOTION, pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP, pygam
 RESIZED = (pygame.WINDOWSIZECHANGED, pygame.WINDOWDISPLAYCHANGED)
 # a move may exchange the rows of the screen under two views
 REDRAWN = (pygame.WINDOWEXPOSED, pygame.WINDOWMOVED, *RESIZED)
-NAMES = EVENTS | {"=": "alpha+", " ": "freeze", "?": "help"}
-CODES = {
-    pygame.K_F11: "fullscreen",
+NAMES = {
+    pygame.K_F11: "f11",
     pygame.K_ESCAPE: "escape",
-    pygame.K_TAB: "choose",
+    pygame.K_TAB: "tab",
     pygame.K_DELETE: "delete",
-    pygame.K_LEFT: "less",
-    pygame.K_RIGHT: "more",
+    pygame.K_LEFT: "left",
+    pygame.K_RIGHT: "right",
     pygame.K_UP: "up",
     pygame.K_DOWN: "down",
-    pygame.K_PAGEDOWN: "next",
-    pygame.K_PAGEUP: "previous",
+    pygame.K_PAGEDOWN: "pagedown",
+    pygame.K_PAGEUP: "pageup",
     pygame.K_RETURN: "enter",
     pygame.K_KP_ENTER: "enter",
 }
+
+
+LEAVE_FULLSCREEN = Event("leave-fullscreen")  # Esc where it closes nothing
+
+
+class OverlayView(Protocol):
+    """Draws an overlay, and maps keys and the mouse to events."""
+
+    @property
+    def has_pointer(self) -> bool:
+        """Whether there is something to point at."""
+
+    def set(self, overlay: Overlay) -> None:
+        """Replaces the overlay."""
+
+    def panels(self, window_px: tuple[int, int], text_px: int) -> Sequence[Panel]:
+        """The panels, the topmost last; equal calls return the same ones.
+
+        window_px: (width, height).
+        """
+
+    def key(self, key: str) -> Event | None:
+        """The event of a key: a letter, or a value of NAMES; None for nothing."""
+
+    def mouse(self, event: pygame.Event, at_px: tuple[int, int]) -> Event | None:
+        """The event of the mouse or a touch; None for nothing. at_px: the pointer."""
 
 
 class ScreenWindow(Display):
@@ -59,13 +85,15 @@ class ScreenWindow(Display):
         self,
         size_px: tuple[int, int],
         title: str,
+        view: OverlayView,
         fullscreen: bool = False,
         monitor: str = "",
         code: str = "",
     ) -> None:
-        """size_px: (width, height) of the pictures. monitor: a number or name, as for
-        `monitors.find_monitor`; empty: the desktop chooses. code: only these letters have an
-        effect, and quit; other keys, buttons and drops have none. Raises UserError if no window can
+        """size_px: (width, height) of the pictures. view: draws the overlay. monitor: a number or
+        name, as for `monitors.find_monitor`; empty: the desktop chooses. code: only these letters
+        have an effect, and quit; other keys, buttons and drops have none. Raises UserError if no
+        window can
         be opened, or the monitor is missing.
         """
         self._code = code
@@ -76,8 +104,8 @@ class ScreenWindow(Display):
         # the arguments of the last call of `show`
         self._shown: tuple[NDArray[np.uint8], Pair | None, str] | None = None
         self._laid: NDArray[np.uint8] | None = None
-        self._view = OverlayView()
-        self._drawn = list[Panel]()
+        self._view = view
+        self._drawn: Sequence[Panel] = ()
         # of the picture, and of the hand-over: a picture may be drawn again
         self._number = self._handed = 0
         self._numbers: dict[int, int] = {}  # hand-over -> picture
@@ -214,41 +242,43 @@ class ScreenWindow(Display):
         self._view.set(overlay)
         self._draw(again=False)
 
-    def events(self) -> list[str]:
+    def events(self) -> list[Event]:
         """Handles full screen itself, and redraws after it was covered or resized."""
-        names = []
+        events = list[Event]()
         again = False
         self.pointer = attrs.evolve(self.pointer, wheel=0)
-        for event in window_system.take_events():
-            if event.type in RESIZED:
+        for native in window_system.take_events():
+            if native.type in RESIZED:
                 self._find_monitor()
-            again |= event.type in REDRAWN
-            names.append(self._meaning(event))
-            if names[-1] == "fullscreen":
+            again |= native.type in REDRAWN
+            event = self._event(native)
+            if event == LEAVE_FULLSCREEN:
+                event = Event("fullscreen") if self._fullscreen else None
+            if event is None:
+                continue
+            events.append(event)
+            if event.name == "fullscreen":
                 self._toggle()
                 again = True
         self._draw(again)
-        return [name for name in names if name]
+        return events
 
-    def _meaning(self, event: pygame.Event) -> str:
-        """The name of what a person did, "" for nothing."""
+    def _event(self, native: pygame.Event) -> Event | None:
+        """What a person did."""
         if self._code:
-            self._typed = (self._typed + (event.unicode if event.type == pygame.KEYDOWN else ""))[
-                -len(self._code) :
-            ]
-            if event.type in MOUSE:
-                self._point(event)
-            return "quit" if self._typed == self._code else ""
-        if event.type == pygame.QUIT:
-            return "quit"
-        if event.type == pygame.DROPFILE:
-            return f"load {event.file}".rstrip()
-        if event.type == pygame.KEYDOWN:
-            name = self._view.key(CODES.get(event.key) or NAMES.get(event.unicode.lower(), ""))
-            if name != "escape":
-                return name
-            return "fullscreen" if self._fullscreen else ""
-        return self._mouse(event) if event.type in MOUSE else ""
+            if native.type == pygame.KEYDOWN:
+                self._typed = (self._typed + native.unicode)[-len(self._code) :]
+            if native.type in MOUSE:
+                self._point(native)
+            return Event("quit") if self._typed == self._code else None
+        if native.type == pygame.QUIT:
+            return Event("quit")
+        if native.type == pygame.DROPFILE:
+            return Event("load", native.file)
+        if native.type == pygame.KEYDOWN:
+            key = NAMES.get(native.key) or native.unicode.lower()
+            return self._view.key(key) if key else None
+        return self._mouse(native) if native.type in MOUSE else None
 
     def _point(self, event: pygame.Event) -> None:
         """Moves the pointer. In a locked window any touch or button looks around, as elsewhere the
@@ -267,22 +297,24 @@ class ScreenWindow(Display):
             held = {button: event.type == pygame.MOUSEBUTTONDOWN} if button else {}
             self.pointer = attrs.evolve(self.pointer, x=x, y=y, **held)
 
-    def _mouse(self, event: pygame.Event) -> str:
-        """Moves the pointer; the name of what a click or a touch means."""
-        self._point(event)
+    def _mouse(self, native: pygame.Event) -> Event | None:
+        """Moves the pointer; what a click or a touch means."""
+        self._point(native)
         x_px, y_px = self._painter.size_px()
-        name = self._view.mouse(event, (round(self.pointer.x * x_px), round(self.pointer.y * y_px)))
-        if name:
+        at_px = round(self.pointer.x * x_px), round(self.pointer.y * y_px)
+        event = self._view.mouse(native, at_px)
+        if event is not None and event.name:
             # a click, and no drag of the view
             self.pointer = attrs.evolve(self.pointer, left=False)
-        elif event.type == pygame.MOUSEBUTTONDOWN and event.button == 1 and self._shown is not None:
+        elif (
+            native.type == pygame.MOUSEBUTTONDOWN and native.button == 1 and self._shown is not None
+        ):
             rows, cols = self._shown[0].shape[:2]
             left, top, width, height = fit_area((cols, rows), (x_px, y_px))
-            name = (
-                f"click {(self.pointer.x * x_px - left) * cols / width}"
-                f" {(self.pointer.y * y_px - top) * rows / height}"
-            )
-        return name
+            x = (self.pointer.x * x_px - left) * cols / width
+            y = (self.pointer.y * y_px - top) * rows / height
+            return Event("click", at_px=(x, y))
+        return event
 
     def title(self, name: str) -> None:
         self._title = self._window.title = f"lfpipe: {window_system.drawable(name)}"

@@ -26,7 +26,7 @@ from lfpipe.render.synthesis.blocks import unaligned_array
 from lfpipe.render.synthesis.engine import Source, Synthesiser
 from lfpipe.render.synthesis.pair_layout import Pair, arrange_stereo_pair
 from lfpipe.render.synthesis.viewpoint import Position, extrapolation_views
-from lfpipe.render.viewer.geometry import zero_plane_px
+from lfpipe.render.synthesis.zero_plane import zero_plane_px
 from lfpipe.scene.lightfield import LightField
 
 # frame of a video, viewpoints of the eyes on a grid of small steps

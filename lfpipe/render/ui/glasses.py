@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import Render
+from lfpipe.render.display.overlay import Event, Item, Menu
 from lfpipe.render.synthesis.anaglyph import MATRICES, encode
 from lfpipe.render.synthesis.compositor import recipe_for
 from lfpipe.render.synthesis.pair_layout import Pair, arrange_stereo_pair
-from lfpipe.render.ui.overlay import Item, Menu
 
 Colour = tuple[int, int, int]
-# words, colours of the left and right lens (RGB), value of render.anaglyph
+# label, colours of the left and right lens (RGB), value of render.anaglyph
 KINDS: tuple[tuple[str, tuple[Colour, Colour] | None, str], ...] = (
     ("red / cyan", ((220, 30, 30), (0, 190, 200)), "dubois"),
     ("green / magenta", ((20, 170, 40), (210, 40, 200)), "dubois-green-magenta"),
@@ -24,16 +24,11 @@ KINDS: tuple[tuple[str, tuple[Colour, Colour] | None, str], ...] = (
     ("none", None, "mono"),
 )
 ICON_PX = 480, 240  # width, height: larger than on any screen, so that it is only scaled down
-# of the test: both letters have room for compensation of ghosts on either side
+# of the test: both letters leave room for ghost compensation on either side
 GREY, DARK, LIGHT = 128, 60, 235
 LETTER_AT = 0.38  # of the height: the middle of the letters
-GHOST = "ghost"  # event of the slider: "ghost S", S from 0 to 1
+GHOST = "ghost"  # the slider of the test
 FONT = cv2.FONT_HERSHEY_DUPLEX
-WORDS = {
-    "anaglyph": "your glasses",
-    "swap_eyes": "swapped eyes",
-    "ghost_compensation": "compensation of ghosts",
-}
 
 
 def _icon(lenses: tuple[Colour, Colour] | None) -> NDArray[np.uint8]:
@@ -55,7 +50,7 @@ def _icon(lenses: tuple[Colour, Colour] | None) -> NDArray[np.uint8]:
 def glasses_menu(anaglyph: str) -> Menu:
     """The question. anaglyph: the setting in force."""
     items = tuple(
-        Item(words, f"wear {value}", picture=_icon(lenses)) for words, lenses, value in KINDS
+        Item(label, Event("wear", value), picture=_icon(lenses)) for label, lenses, value in KINDS
     )
     at = next((k for k, (_, _, value) in enumerate(KINDS) if value == anaglyph), 0)
     return Menu(
@@ -108,10 +103,10 @@ def glasses_test(render: Render, size_px: tuple[int, int]) -> tuple[NDArray[np.u
 
 def instructions(render: Render) -> tuple[tuple[str, ...], tuple[Item, ...]]:
     """The lines of a running test, and what can be chosen in it."""
-    others = Item("Other glasses", "which", "e"), Item("Done", "glasses", "g")
+    others = Item("Other glasses", Event("which"), "e"), Item("Done", Event("glasses"), "g")
     if render.anaglyph == "mono":
         return ("Glasses test: these colours are the same for both eyes.",), others
-    swap = Item("Swap the eyes", "swap", "x")
+    swap = Item("Swap the eyes", Event("swap"), "x")
     if render.anaglyph not in MATRICES:
         return ("Close your left eye: you should see only R.",), (swap, *others)
     lines = (
@@ -119,5 +114,5 @@ def instructions(render: Render) -> tuple[tuple[str, ...], tuple[Item, ...]]:
         "A faint L too? Move the slider, or press the right and left arrow:"
         f" {render.ghost_compensation:.0f} %.",
     )
-    ghost = Item("Less of the ghost", GHOST, slider=render.ghost_compensation / 100)
+    ghost = Item("Ghost compensation", Event(GHOST), slider=render.ghost_compensation / 100)
     return lines, (swap, ghost, *others)

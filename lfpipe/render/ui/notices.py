@@ -1,17 +1,22 @@
-"""Words over the picture: short notices, and the overlay of key o with rates, latency, depth and
-the views on show.
-"""
+"""Notices over the picture, and the lines of key o: rates, latency, depth and the views on show."""
 
 from lfpipe.config import Render
-from lfpipe.render.viewer.geometry import zero_plane_px
+from lfpipe.config.modes import Window
+from lfpipe.config.quality import level_number
+from lfpipe.render.synthesis.zero_plane import zero_plane_px
 from lfpipe.render.viewer.viewer import Viewer
+from lfpipe.scene.inverted_depth import undecided
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.histogram import summary_ms
-from lfpipe.transport.notices import latency_lines
+from lfpipe.transport.notices import NO_FACE, latency_lines, notices
 from lfpipe.transport.status import State, rate_hz
 
-SHOWN_NS = 2 * SECOND_NS  # a line is read in one
+SHOWN_NS = 2 * SECOND_NS  # reading a line takes 1 s
+ASKED_NS = 8 * SECOND_NS  # how long the question about depth stays
+DRAG = "put on the glasses, and drag over the picture to look around"
+INVITATION = "put on the glasses and stand in front of the screen"
+ROWS_UNKNOWN = "Wayland hides where this window is: press f, or the eyes may be exchanged"
 GLASSES = {  # a value of render.anaglyph -> whom its colours are for
     "dubois": "red/cyan glasses",
     "colour": "red/cyan glasses, full colours",
@@ -27,24 +32,24 @@ GLASSES = {  # a value of render.anaglyph -> whom its colours are for
 
 
 class Notices:
-    """Lines that pass, by subject: a new one replaces the previous one of its subject."""
+    """Notices for a time, by subject: a new one replaces the previous one of its subject."""
 
     def __init__(self) -> None:
         self._passing: dict[str, tuple[str, int]] = {}  # subject -> (text, end)
 
-    def say(self, subject: str, text: str, shown_ns: int = SHOWN_NS) -> None:
+    def show(self, subject: str, text: str, shown_ns: int = SHOWN_NS) -> None:
         """Shows text for shown_ns."""
         self._passing.pop(subject, None)  # the newest comes last
         self._passing[subject] = text, now_ns() + shown_ns
 
     def lines(self, t_ns: int, standing: list[str]) -> tuple[str, ...]:
-        """The lines to show at t_ns. standing: those that stay as long as they are true."""
+        """The lines to show at t_ns. standing: those that stay while they are true."""
         passing = [text for text, end_ns in self._passing.values() if end_ns > t_ns]
         return tuple(filter(None, (*passing, *standing)))
 
 
 def status_lines(context: Context, viewer: Viewer) -> tuple[str, ...]:
-    """What the session does now, for the overlay; `lfpipe monitor` has more."""
+    """The current state of the session, for the overlay; `lfpipe monitor` has more."""
     own, source = (context.table.rows[name] for name in (context.spec.name, context.spec.source))
     field = viewer.field
     render = context.config.render
@@ -69,19 +74,18 @@ def status_lines(context: Context, viewer: Viewer) -> tuple[str, ...]:
 
 
 def changes(before: Render, now: Render, alpha_px: float, plane_px: float) -> dict[str, str]:
-    """A notice for each changed setting that a viewer notices, by its key. The overlay has the
-    numbers.
+    """A notice for each changed setting that a viewer notices, by its key.
 
-    alpha_px, plane_px: what was in force before, for a setting that was "auto".
+    alpha_px, plane_px: the previous values, for a setting that was "auto".
     """
     words = {
         "depth": f"depth: {now.depth:.0%} of the way from comfort to true",
-        "anaglyph": f"colours for: {GLASSES[now.anaglyph]}",
-        "zero_plane_px": "depth: "
-        + _way(now.zero_plane_px, plane_px, "the scene goes back", "the scene comes forward"),
-        "alpha_px": f"head movement: {_way(now.alpha_px, alpha_px, 'more', 'less')}",
+        "anaglyph": f"colours for {GLASSES[now.anaglyph]}",
+        "zero_plane_px": "depth: the scene moves "
+        + _direction(now.zero_plane_px, plane_px, "back", "forward"),
+        "alpha_px": f"parallax: {_direction(now.alpha_px, alpha_px, 'more', 'less')}",
         "method": f"views: {now.method}",
-        "swap_eyes": f"eyes: {'swapped' if now.swap_eyes else 'as they are'}",
+        "swap_eyes": f"eyes: {'swapped' if now.swap_eyes else 'not swapped'}",
         "ghost_compensation": f"ghost compensation: {now.ghost_compensation:.0f} %",
     }
     return {
@@ -89,7 +93,69 @@ def changes(before: Render, now: Render, alpha_px: float, plane_px: float) -> di
     }
 
 
-def _way(value: float | str, before: float, up: str, down: str) -> str:
+def _direction(value: float | str, before: float, up: str, down: str) -> str:
     if isinstance(value, str):
-        return "automatic"
+        return "automatically"
     return up if value > before else down
+
+
+class ChangeNotices:
+    """Shows a notice for each change of settings, scene and quality, whoever made it."""
+
+    def __init__(self, context: Context, viewer: Viewer, shown: Notices) -> None:
+        self._context = context
+        self._viewer = viewer
+        self._shown = shown
+        self._render = context.config.render
+        self._level = level_number(context.options)
+        self._scene = viewer.field.name
+        self._inverted = viewer.field.depth_inverted
+        self._alpha_px = 0.0  # before the latest change
+
+    def update(self) -> bool:
+        """Shows what has changed since the last call; returns whether the scene has."""
+        field = self._viewer.field
+        render, before = self._context.config.render, self._render
+        if render is not before:
+            texts = changes(before, render, self._alpha_px, zero_plane_px(field, before))
+            for subject, text in texts.items():
+                self._shown.show(subject, text)
+            self._render = render
+        if self._viewer.parallax is not None:
+            self._alpha_px = self._viewer.parallax.alpha_px
+        level = level_number(self._context.options)
+        if level and not self._level:
+            self._shown.show("quality", "CPU overloaded: picture quality reduced")
+        self._level = level
+        is_new = field.name != self._scene
+        if is_new:
+            self._shown.show("scene", field.name)
+            self.ask_about_depth()
+        elif field.depth_inverted != self._inverted:
+            self._shown.show("depth order", "depth is inverted: press d to undo")
+        self._scene, self._inverted = field.name, field.depth_inverted
+        return is_new
+
+    def ask_about_depth(self) -> None:
+        """Tells, the first time an undecided scene is shown, how to invert depth."""
+        options = self._context.options
+        field = self._viewer.field
+        on_screen = isinstance(options.display, Window) and not options.lock_code
+        if on_screen and undecided(field, self._context.config.scene.invert_depth):
+            self._shown.show("depth order", "press d if the depth looks inverted", ASKED_NS)
+            self._context.request("keep", depth="asked")
+
+
+def standing_notices(context: Context, knows_rows: bool) -> list[str]:
+    """The notices that stay while they are true. knows_rows: of the display."""
+    lines = []
+    if context.config.render.anaglyph == "row-interleaved" and not knows_rows:
+        lines.append(ROWS_UNKNOWN)
+    is_locked = bool(context.options.lock_code)
+    if context.paused:
+        lines.append("paused" if is_locked else "paused: press p or space to resume")
+    current = notices(context.table.rows, context.spec.source, context.spec.name)
+    if current and is_locked:  # the notices themselves are for its operator
+        is_alone = any(line.startswith(NO_FACE) for line in current)
+        current = [INVITATION if is_alone else DRAG]
+    return [*lines, *current]

@@ -1,7 +1,7 @@
-"""The overlay in one window: its panels, and what a key, a click or a touch on them means.
+"""The overlay in a window: draws its panels, and maps keys, clicks and touches to events.
 
-A panel is a surface with the places of its items: what is drawn there is what a click finds there.
-Two equal calls of a panel's function in a row return the same panel.
+A panel is a surface with the rectangles of its items, so a click finds what is drawn there. Two
+equal calls of a panel's function in a row return the same panel.
 """
 
 import math
@@ -12,14 +12,29 @@ import attrs
 import cv2
 
 from lfpipe.files.decoding import fit_area
+from lfpipe.render.display.overlay import NO_EVENT, Event, Item, Menu, Overlay
+from lfpipe.render.display.painters import Panel
 from lfpipe.render.display.window_system import drawable, font, pygame
-from lfpipe.render.ui.overlay import CLOSE, TURNS, Item, Menu, Overlay
+from lfpipe.render.ui.keys import ACTION_OF, CLOSE
 
 Place = tuple[int, int]
 Cell = tuple[Item, pygame.Rect]
 BAR_S = 3.0  # the bar stays so long: the time to read its entries
 REST_S = 0.5  # people who look around with the mouse pause for less
 BAR_EDGE = 0.1  # of the height: where a move of the mouse brings the bar at once
+KEY_ACTIONS = ACTION_OF | {
+    "tab": "choose",
+    "f11": "fullscreen",
+    "=": "alpha+",
+    " ": "freeze",
+    "?": "help",
+    "enter": "enter",
+    "left": "less",
+    "right": "more",
+    "pagedown": "next",
+    "pageup": "previous",
+}
+PAGES = (("◀", "pageup"), ("▶", "pagedown"))  # labels and keys that turn the pages of a menu
 PRESSED = (pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP)
 WHITE = (255, 255, 255)
 GREY = (170, 170, 170)
@@ -45,17 +60,15 @@ CELL_SHAPE = 0.75  # height over width of a cell's picture, at most: most camera
 
 
 @attrs.frozen(eq=False, kw_only=True)
-class Panel:
-    """A drawn surface.
+class ItemPanel(Panel):
+    """A panel with items."""
 
-    at: its place in the window. cells: the items with their places on it. cols, page: of a menu.
-    """
-
-    surface: pygame.Surface
-    at: Place
     cells: list[Cell] = attrs.field(factory=list)
+    """Items with their rectangles on the surface."""
     cols: int = 1
+    """Columns of a menu."""
     page: int = 1
+    """Items on one page of a menu."""
 
     def cell(self, place: Place) -> Cell | None:
         """The item at a place of the window, and its rectangle in the window."""
@@ -137,8 +150,8 @@ def _draw_item(
 
 
 @lru_cache(1)
-def bar_panel(items: tuple[Item, ...], lit: str, window_px: Place, text_px: int) -> Panel:
-    """The items in rows at the bottom edge, never over the middle. lit: an event."""
+def bar_panel(items: tuple[Item, ...], hovered: Event, window_px: Place, text_px: int) -> ItemPanel:
+    """The items in rows at the bottom edge, never over the middle. hovered: an event of theirs."""
     width, height = window_px
     spans = sum(map(_span, items))
     for size_px in range(max(BAR_TEXT_PX, min(text_px, width // BAR_LETTERS)), MIN_TEXT_PX - 1, -1):
@@ -151,17 +164,17 @@ def bar_panel(items: tuple[Item, ...], lit: str, window_px: Place, text_px: int)
         high = cells[-1][1].bottom
         if high <= BAR_SHARE * height:
             break
-    panel = Panel(
+    panel = ItemPanel(
         surface=pygame.Surface((width, high), pygame.SRCALPHA), at=(0, height - high), cells=cells
     )
     panel.surface.fill(BACK)
     for item, rect in cells:
-        _draw_item(panel.surface, letters, item, rect, item.event == lit)
+        _draw_item(panel.surface, letters, item, rect, item.event == hovered)
     return panel
 
 
 @lru_cache(2)
-def menu_panel(menu: Menu, selected: int, window_px: Place, text_px: int) -> Panel:
+def menu_panel(menu: Menu, selected: int, window_px: Place, text_px: int) -> ItemPanel:
     """The page with the selected item, in the middle of a window of that size."""
     width, height = (round(MENU_SHARE * side) for side in window_px)
     letters = font(max(MIN_TEXT_PX, min(round(1.2 * text_px), width // 26)))
@@ -195,12 +208,12 @@ def menu_panel(menu: Menu, selected: int, window_px: Place, text_px: int) -> Pan
     if page < count:
         lefts = (place.left - 2 * line, place.right)
         cells += [
-            (turn, pygame.Rect(left, 0, 2 * line, 2 * line - line // 4))  # beside the title
-            for turn, left in zip(TURNS, lefts, strict=True)
+            (Item(label, Event(key)), pygame.Rect(left, 0, 2 * line, 2 * line - line // 4))
+            for (label, key), left in zip(PAGES, lefts, strict=True)  # beside the title
         ]
     for number, (item, rect) in enumerate(cells, first):
         _draw_item(surface, letters, item, rect, number == selected)
-    return Panel(
+    return ItemPanel(
         surface=surface,
         at=((window_px[0] - width) // 2, (window_px[1] - surface.get_height()) // 2),
         cells=cells,
@@ -212,7 +225,7 @@ def menu_panel(menu: Menu, selected: int, window_px: Place, text_px: int) -> Pan
 @lru_cache(16)
 def text_panel(
     text: Overlay, bottom_px: int | None, window_px: Place, text_px: int, top_px: int = EDGE_PX
-) -> Panel:
+) -> ItemPanel:
     """The lines of text with a cross, its items and its inset, or else its notices: at the left
     below top_px, or in the middle above bottom_px. Letters are smaller if they do not fit.
 
@@ -257,11 +270,11 @@ def text_panel(
         if bottom_px is None
         else ((window_px[0] - width) // 2, bottom_px - height - EDGE_PX)
     )
-    return Panel(surface=surface, at=at, cells=cells)
+    return ItemPanel(surface=surface, at=at, cells=cells)
 
 
 @lru_cache(1)
-def recording_panel(text: str, window_px: Place, text_px: int) -> Panel:
+def recording_panel(text: str, window_px: Place, text_px: int) -> ItemPanel:
     """A red dot and text at the top right."""
     letters = font(text_px)
     line = letters.get_linesize()
@@ -270,30 +283,33 @@ def recording_panel(text: str, window_px: Place, text_px: int) -> Panel:
     surface.fill(TEXT_BACK)
     pygame.draw.circle(surface, RED, (line * 3 // 4, surface.get_height() // 2), line // 3)
     surface.blit(words, (line * 3 // 2, PAD_PX // 2))
-    return Panel(surface=surface, at=(window_px[0] - surface.get_width() - EDGE_PX, EDGE_PX))
+    return ItemPanel(surface=surface, at=(window_px[0] - surface.get_width() - EDGE_PX, EDGE_PX))
 
 
 @lru_cache(1)
-def progress_panel(share: float, window_px: Place) -> Panel:
+def progress_panel(share: float, window_px: Place) -> ItemPanel:
     """A thin line along the bottom."""
     line = pygame.Surface((max(1, round(share * window_px[0])), PROGRESS_PX))
     line.fill(WHITE)
-    return Panel(surface=line, at=(0, window_px[1] - PROGRESS_PX))
+    return ItemPanel(surface=line, at=(0, window_px[1] - PROGRESS_PX))
+
+
+def _action(key: str) -> Event | None:
+    return Event(KEY_ACTIONS[key]) if key in KEY_ACTIONS else None
 
 
 class OverlayView:
-    """Draws an overlay, and says what happens on it."""
+    """Draws an overlay, and maps what happens on it to events."""
 
     def __init__(self) -> None:
         self._overlay = Overlay()
-        self._panels = list[Panel]()
-        # the item selected in the menu; the event lit in the bar
-        self._at = 0
-        self._lit = ""
+        self._panels = list[ItemPanel]()
+        self._at = 0  # the selected item of the menu
+        self._hovered = NO_EVENT  # of the bar
         self._held: Cell | None = None  # a slider
         self._bar_from_s = math.inf  # when the bar comes, for BAR_S
         self._edge_px = 0  # where a move of the mouse brings the bar, or keeps it
-        self._menu: Panel | None = None
+        self._menu: ItemPanel | None = None
 
     def set(self, overlay: Overlay) -> None:
         """Replaces the overlay."""
@@ -312,19 +328,19 @@ class OverlayView:
         """Whether there is something to point at."""
         return self._overlay.menu is not None or self._bar_from_s < math.inf
 
-    def panels(self, window_px: Place, text_px: int) -> list[Panel]:
+    def panels(self, window_px: Place, text_px: int) -> list[ItemPanel]:
         """The panels, the topmost last; equal calls return the same ones.
 
         window_px: (width, height).
         """
         overlay = self._overlay
         now_s = time.monotonic()
-        bar = bar_panel(overlay.bar, self._lit, window_px, text_px) if overlay.bar else None
+        bar = bar_panel(overlay.bar, self._hovered, window_px, text_px) if overlay.bar else None
         if bar is None or (now_s > self._bar_from_s + BAR_S and self._held is None):
             self._bar_from_s = math.inf
         # the bar's place is left free, so that nothing moves when it comes
         bar_top_px = window_px[1] if bar is None else bar.at[1]
-        pages, panels = list[Panel](), list[Panel]()
+        pages, panels = list[ItemPanel](), list[ItemPanel]()
         bottom_px = bar_top_px if overlay.menu is None else window_px[1]
         dots = [recording_panel(overlay.recording, window_px, text_px)] if overlay.recording else []
         top_px = EDGE_PX + sum(panel.surface.get_height() + GAP_PX for panel in dots)
@@ -352,46 +368,53 @@ class OverlayView:
         self._panels = [*pages, *panels, *dots]
         return self._panels
 
-    def key(self, name: str) -> str:
-        """The event that a key causes; "" if it only moves the selection."""
+    def key(self, key: str) -> Event | None:
+        """The event of a key: a letter, or a name as "escape"; None if it only moves the
+        selection.
+        """
         menu = self._overlay.menu
-        if name == "escape":
-            return "close" if menu is not None or self._overlay.lines else name
+        if key == "escape":
+            covered = menu is not None or bool(self._overlay.lines)
+            return Event("close" if covered else "leave-fullscreen")
         panel = self._menu
         if menu is None or not menu.items or panel is None:
-            return name
+            return _action(key)
         moves = {
-            "less": -1,
-            "more": 1,
+            "left": -1,
+            "right": 1,
             "up": -panel.cols,
             "down": panel.cols,
-            "previous": -panel.page,
-            "next": panel.page,
+            "pageup": -panel.page,
+            "pagedown": panel.page,
         }
         event = menu.items[self._at].event
-        if name in moves:
-            at = self._at + moves[name]
+        if key in moves:
+            at = self._at + moves[key]
             count = len(menu.items)
-            self._at = at % count if name in ("less", "more") else min(max(at, 0), count - 1)
-            return ""
-        return {"enter": event, "delete": f"delete {event}"}.get(name, name)
+            self._at = at % count if key in ("left", "right") else min(max(at, 0), count - 1)
+            return None
+        if key == "enter":
+            return event
+        return Event("delete", event.text) if key == "delete" else _action(key)
 
-    def mouse(self, event: pygame.Event, at_px: Place) -> str:
-        """The event that the mouse or a touch causes, "" for none. at_px: the pointer."""
+    def mouse(self, event: pygame.Event, at_px: Place) -> Event | None:
+        """The event of the mouse or a touch. at_px: the pointer."""
         at_once = at_px[1] >= self._edge_px or event.type in PRESSED
         self._bar_from_s = time.monotonic() + (0.0 if at_once else REST_S)
         over = next(filter(None, (panel.cell(at_px) for panel in reversed(self._panels))), None)
-        self._lit = over[0].event if over is not None else ""
+        self._hovered = over[0].event if over is not None else NO_EVENT
         if event.type == pygame.MOUSEBUTTONUP:
             self._held = None
         elif event.type == pygame.MOUSEBUTTONDOWN and event.button == 1 and over is not None:
-            if over[0] in TURNS:
-                return self.key(over[0].event)
-            if over[0].slider is None:
-                return over[0].event
+            item = over[0]
+            if item.event.name in ("pageup", "pagedown"):
+                return self.key(item.event.name)
+            if item.slider is None:
+                return item.event
             self._held = over
         if self._held is None:
-            return ""
-        item = self._held[0]
-        groove = _groove(self._held[1])
-        return f"{item.event} {min(max((at_px[0] - groove.left) / groove.width, 0.0), 1.0):.2f}"
+            return None
+        item, rect = self._held
+        groove = _groove(rect)
+        value = min(max((at_px[0] - groove.left) / groove.width, 0.0), 1.0)
+        return attrs.evolve(item.event, value=round(value, 2))

@@ -1,37 +1,44 @@
-"""Pages over the picture, at most one at a time: help, figures, the question about glasses, and
+"""Pages over the picture, at most one at a time: help, metrics, the question about glasses, and
 their test. The page of scenes is in `lfpipe.render.ui.scenes`.
 """
 
-from collections.abc import Callable
-
 import attrs
 
-from lfpipe.render.presenter import Presenter, draw_glasses_test, draw_scene
-from lfpipe.render.ui.glasses import glasses_menu, instructions
+from lfpipe.render.display.overlay import Overlay
+from lfpipe.render.presenter import Drawing, Presenter, draw_scene
+from lfpipe.render.synthesis.compositor import Key
+from lfpipe.render.ui.glasses import glasses_menu, glasses_test, instructions
+from lfpipe.render.ui.keys import HELP
 from lfpipe.render.ui.notices import status_lines
-from lfpipe.render.ui.overlay import HELP, Overlay
+from lfpipe.render.ui.settings import Settings
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.context import Context
 
-FIGURES_NS = SECOND_NS // 2  # between two readings: faster ones cannot be read
+UPDATE_NS = SECOND_NS // 2  # between two updates of the metrics
 CHECKED = ("swap_eyes", "ghost_compensation")  # what a test of glasses may change
 
 
+def draw_glasses_test(viewer: Viewer, key: Key) -> Drawing:
+    """The test of the glasses in place of the scene, as large as the scene's pictures."""
+    field = viewer.field
+    return Drawing(*glasses_test(viewer.config.render, (field.width_px, field.height_px)))
+
+
 class Page:
-    """A page that is opened, shown and closed, again and again."""
+    """A page that can be opened and closed many times."""
 
     stays = False
     """Whether it remains when something else in the bar is chosen."""
 
     def open(self) -> None:
-        """Begins it."""
+        """Called when the page opens."""
 
     def close(self) -> None:
-        """Ends it."""
+        """Called when the page closes."""
 
     def overlay(self, t_ns: int) -> Overlay:
-        """What it shows at t_ns."""
+        """The overlay at t_ns."""
         return Overlay()
 
 
@@ -60,7 +67,7 @@ class MetricsPage(Page):
     def overlay(self, t_ns: int) -> Overlay:
         if t_ns >= self._due_ns:
             self._lines = status_lines(self._context, self._viewer)
-            self._due_ns = t_ns + FIGURES_NS
+            self._due_ns = t_ns + UPDATE_NS
             self._presenter.redraw()
         return Overlay(lines=self._lines)
 
@@ -76,17 +83,12 @@ class GlassesQuestion(Page):
 
 
 class GlassesTest(Page):
-    """A letter for each eye in place of the scene. keep: stores the settings that were changed."""
+    """A letter for each eye in place of the scene; keeps the settings that were changed."""
 
-    def __init__(
-        self,
-        context: Context,
-        presenter: Presenter,
-        keep: Callable[[dict[str, float | bool | str]], None],
-    ) -> None:
+    def __init__(self, context: Context, presenter: Presenter, settings: Settings) -> None:
         self._context = context
         self._presenter = presenter
-        self._keep = keep
+        self._settings = settings
         self._before = context.config.render
 
     def open(self) -> None:
@@ -96,7 +98,7 @@ class GlassesTest(Page):
     def close(self) -> None:
         self._presenter.draw_by(draw_scene)
         now = attrs.asdict(self._context.config.render)
-        self._keep(
+        self._settings.keep(
             {name: now[name] for name in CHECKED if now[name] != getattr(self._before, name)}
         )
 

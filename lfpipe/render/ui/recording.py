@@ -1,4 +1,4 @@
-"""Recording the camera by key r: where to, and what the window says of it."""
+"""Recording the camera by key r: its folder, and its status in the window."""
 
 import os
 import time
@@ -17,41 +17,42 @@ ENDED_NS = 8 * SECOND_NS  # time to read a path
 
 
 class RecordingIndicator:
-    """Begins and ends recordings, and shows their time and size, whoever began them."""
+    """Starts and stops recordings, and shows their time and size, whoever started them."""
 
     def __init__(self, context: Context, notices: Notices) -> None:
         self._context = context
         self._notices = notices
         self._folder = ""
         self._began_ns = self._due_ns = 0
-        self.words = ""
-        """Time and size of the recording that runs; "" for none."""
+        self.status = ""
+        """Time and size of the current recording; "" for none."""
 
     def toggle(self) -> None:
-        """Begins a recording of the camera with the eyes, beside the pictures, or ends it."""
+        """Starts recording the camera and the eyes in the folder for pictures, or stops it."""
         path = ""
         if not self._context.options.record:
             path = str(picture_folder() / time.strftime("lfpipe-recording-%Y%m%d-%H%M%S"))
-            self._notices.say("record", "the recording starts")
+            self._notices.show("record", "the recording starts")
         self._context.request("record", path=path)
 
-    def serve(self, t_ns: int) -> bool:
-        """Updates the words; returns whether they changed."""
+    def update(self, t_ns: int) -> bool:
+        """Updates the status; returns whether it changed."""
         folder = self._context.options.record
         if folder != self._folder:
             if self._folder:
                 path = Path(self._folder)
                 text = f"the recording is {path.name}\nin {path.parent}"
-                words = text if _size_bytes(path) else "no frame was recorded"
-                self._notices.say("record", words, ENDED_NS)
+                self._notices.show(
+                    "record", text if _size_bytes(path) else "no frame was recorded", ENDED_NS
+                )
             self._folder = folder
-            self.words = ""
+            self.status = ""
             self._began_ns = self._due_ns = t_ns
         if not folder or t_ns < self._due_ns:
             return False
         self._due_ns = t_ns + SIZE_NS
         minutes, seconds = divmod((t_ns - self._began_ns) // SECOND_NS, 60)
-        self.words = f"{minutes}:{seconds:02}  {_size_bytes(Path(folder)) / 1e6:.0f} MB"
+        self.status = f"{minutes}:{seconds:02}  {_size_bytes(Path(folder)) / 1e6:.0f} MB"
         return True
 
 

@@ -1,5 +1,5 @@
-"""Other scenes: requests for one of the playlist or a dropped one, their choice by pictures (key
-Tab), and the desktop's dialog.
+"""Other scenes: requests for one of the playlist or a dropped one, and their choice by pictures
+(key Tab).
 
 The old scene stays on the screen until the packer has the views of the new one. A second request
 replaces the first.
@@ -7,11 +7,8 @@ replaces the first.
 
 import base64
 import re
-import shutil
-import subprocess
 import textwrap
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -19,13 +16,14 @@ from numpy.typing import NDArray
 
 from lfpipe.files.decoding import fit_area
 from lfpipe.host.files import exists
+from lfpipe.render.display.overlay import Event, Item, Menu, Overlay
 from lfpipe.render.ui.notices import Notices
-from lfpipe.render.ui.overlay import Item, Menu, Overlay
 from lfpipe.render.ui.pages import Page
 from lfpipe.scene.cache import cache_root
 from lfpipe.scene.recent_scenes import forget_scene
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
+from lfpipe.transport.control import Message
 from lfpipe.transport.ring import Reader
 
 ALONE_NS = 60 * SECOND_NS  # then the visitor is assumed to have left
@@ -45,7 +43,7 @@ HINT = "Click, or use the arrows and Enter. Tab goes back.\nDrop a folder of vie
 class SceneLoader:
     """Requests scenes.
 
-    share: of the packer's work on the scene on the screen that is done; None without.
+    progress: share of the packer's work on the scene on the screen; None without.
     """
 
     def __init__(self, context: Context, notices: Notices) -> None:
@@ -57,14 +55,14 @@ class SceneLoader:
         # the name of the scene being loaded, whoever requested it, and its progress
         self._loading = ""
         self._step = ""
-        self.share: float | None = None
+        self.progress: float | None = None
         self._first_due_ns = 0
 
     def step(self, step: int) -> None:
         """Requests the scene of the playlist that many steps from the one requested last."""
         scenes = self._context.options.playlist
         if len(scenes) < 2:
-            self._notices.say("scene", NO_OTHER)
+            self._notices.show("scene", NO_OTHER)
             return
         at = (
             scenes.index(self._asked)
@@ -79,7 +77,7 @@ class SceneLoader:
         self._asked = str(scene)
         self._asked_ns = now_ns()
 
-    def answered(self, answer: dict[str, Any]) -> None:
+    def handle(self, answer: Message) -> None:
         """Handles the answer to a request: the picture shows a refusal for a while."""
         if answer.get("replaced"):
             return
@@ -90,16 +88,16 @@ class SceneLoader:
             shown = "" if TYPED.search(remedy) else remedy
             for text in (answer["error"], shown):
                 lines += textwrap.wrap(text, LINE_CHARS)[:MAX_LINES]
-            self._notices.say("refused", "\n".join(lines), REFUSED_NS)
-        if not answer["ok"] or "pack" in answer:
+            self._notices.show("refused", "\n".join(lines), REFUSED_NS)
+        if answer.get("cmd") in ("load", "dialog"):
             self._asked = ""
 
-    def report(self, news: dict[str, Any]) -> None:
+    def report(self, news: Message) -> None:
         """Takes the progress of loading, whoever requested the scene. A line alone shows that of
         the scene on the screen.
         """
         self._loading, self._step = ("", "") if news["shown"] else (news["scene"], news["step"])
-        self.share = news["share"] if news["shown"] and news["step"] else None
+        self.progress = news["share"] if news["shown"] and news["step"] else None
 
     def _what(self) -> str:
         scenes = self._context.options.playlist
@@ -112,15 +110,15 @@ class SceneLoader:
             return f"loading {Path(self._asked).name}{place}"
         return f"loading {self._loading}" if self._step else ""
 
-    def words(self, t_ns: int) -> str:
-        """What is being loaded, how far it is, and for how long; "" for nothing."""
+    def status(self, t_ns: int) -> str:
+        """What is being loaded, its progress and time; "" for nothing."""
         waited_s = (t_ns - self._asked_ns) // SECOND_NS if self._asked else 0
         return ", ".join(
             filter(None, [self._what(), self._step, f"{waited_s} s" if waited_s else ""])
         )
 
     def serve(self, t_ns: int) -> None:
-        """In an exhibition, requests the first scene for the next visitor."""
+        """In a locked window, requests the first scene for the next visitor."""
         options = self._context.options
         alone_ns = t_ns - int(self._context.row["t_face_ns"])
         if (
@@ -150,7 +148,7 @@ class ScenePage(Page):
     def menu(self) -> Menu:
         """The page with the pictures read so far."""
         items = [
-            Item(Path(scene).name, f"load {scene}", picture=self._pictures.get(scene))
+            Item(Path(scene).name, Event("load", scene), picture=self._pictures.get(scene))
             for scene in self._scenes
         ]
         if self._camera is not None:
@@ -184,7 +182,7 @@ class ScenePage(Page):
         if len(self._pictures) < len(self._scenes):
             self._context.request("previews", scenes=[])
 
-    def add(self, preview: dict[str, Any]) -> None:
+    def add(self, preview: Message) -> None:
         """Takes a picture that the packer has read."""
         picture = None
         if preview["data"]:
@@ -221,33 +219,3 @@ class ScenePage(Page):
         if options.viewer.source.startswith("demo"):
             caption = "no camera" if options.start else "demo face"
         self._camera_item = Item(caption, picture=small[:, ::-1, ::-1])
-
-
-# A portal's answer is a signal to the connection that asked; `gdbus call` and `busctl call` have
-# closed theirs by then.
-NO_DIALOG = "drop a folder or a file onto the window (zenity or kdialog would give a dialog)"
-
-
-def file_dialog(folder: bool) -> subprocess.Popen[str] | None:
-    """The desktop's own dialog for a folder or a file, a child process that prints its path; None
-    if there is none.
-    """
-    title = "Open a folder of views" if folder else "Open a light field"
-    if program := shutil.which("zenity"):
-        command = [
-            program,
-            "--file-selection",
-            f"--title={title}",
-            *(["--directory"] if folder else []),
-        ]
-    elif program := shutil.which("kdialog"):
-        command = [
-            program,
-            "--title",
-            title,
-            "--getexistingdirectory" if folder else "--getopenfilename",
-            str(Path.home()),
-        ]
-    else:
-        return None
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)

@@ -16,8 +16,9 @@ import math
 
 import attrs
 
-from lfpipe.config import Config, Render
+from lfpipe.config import Config
 from lfpipe.config.camera_pose import camera_focal_px
+from lfpipe.render.synthesis.zero_plane import zero_plane_px
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.source import Geometry
 
@@ -31,9 +32,6 @@ FUSED_WIDTH = 0.03
 DEFAULT_VIEWS = 4.0  # between the eyes, if the disparities are unknown
 MIN_VIEWS = 1e-3  # so that alpha stays finite
 MIN_EYES_PX = 0.5  # eyes closer together than this are not a face's
-# zero planes from the farthest to the nearest of a scene; the least step between them
-PLANES, MIN_STEP_PX = 40, 0.01
-UNKNOWN_PX = (-2.0, 2.0)  # disparities if they are unknown, or all equal
 
 
 @attrs.frozen(kw_only=True)
@@ -211,18 +209,3 @@ def _true_views(
         zero_px / known.focal_length_px if known.focal_length_px else 0.0
     )
     return eyes_mm / (slope * distance_mm) if slope > 0 else None
-
-
-def zero_plane_px(field: LightField, render: Render) -> float:
-    """render.zero_plane_px as a number, px per view."""
-    return field.border_px[1] if isinstance(render.zero_plane_px, str) else render.zero_plane_px
-
-
-def zero_planes_px(low_px: float, high_px: float) -> tuple[float, float, float]:
-    """(least, most, step) of the zero planes to offer: the disparities of a scene, low_px to
-    high_px, and half their range beyond either end.
-    """
-    low_px, high_px = (low_px, high_px) if high_px > low_px else UNKNOWN_PX
-    step_px = float(f"{max((high_px - low_px) / PLANES, MIN_STEP_PX):.0g}")
-    room_px = max((high_px - low_px) / 2, 10 * MIN_STEP_PX)
-    return low_px - room_px, high_px + room_px, step_px

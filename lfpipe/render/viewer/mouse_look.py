@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lfpipe.config import Config
 from lfpipe.config.camera_pose import camera_focal_px
 from lfpipe.eyes import Eyes, EyesRecord
-from lfpipe.render.ui.overlay import Pointer
+from lfpipe.render.display.overlay import Pointer
 from lfpipe.render.viewer.geometry import SEAT_MM
 from lfpipe.render.viewer.viewer import Viewer, low_pass_share
 from lfpipe.transport.clock import SECOND_NS

@@ -126,7 +126,7 @@ function draw(event) {
   $("state").textContent = `up ${minutes}:${seconds}, ${camera}${sample.camera_light ? ` (${sample.camera_light})` : ""}, viewer ${sample.viewer}`
     + `${sample.paused ? ", paused" : ""}`
     + `${sample.level ? `, quality lowered to ${sample.level_words} (${sample.level} of ${sample.lowest_level})` : ""}; age of pictures p50 ${dash(sample.end_to_end, "p50_ms")}, p99 ${dash(sample.end_to_end, "p99_ms")} ms, `
-    + `eyes predicted by ${dash(sample.horizon, "p50_ms")} ms${sample.motion_to_photon ? `; motion to photon: ${sample.motion_to_photon}` : ""}`;
+    + `eyes predicted by ${dash(sample.prediction, "p50_ms")} ms${sample.motion_to_photon ? `; motion to photon: ${sample.motion_to_photon}` : ""}`;
   charts(sample); table(sample); show(sample);
 }
 

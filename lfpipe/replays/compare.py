@@ -23,7 +23,7 @@ from lfpipe.files.output import PLACE, marked_picture, write_output
 from lfpipe.files.pictures import header_of
 from lfpipe.files.safe_files import reason
 from lfpipe.render.listeners.replay_writer import PICTURES
-from lfpipe.replay.report import (
+from lfpipe.replays.report import (
     COUNTED,
     DIFFERENCE,
     Line,

@@ -1,0 +1,104 @@
+"""What each event does: one table. A new action is a row here, and a row of `keys.KEYS` if it has a
+key.
+"""
+
+import time
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+
+from lfpipe.render.display.file_display import save
+from lfpipe.render.display.overlay import Event
+from lfpipe.render.ui.controller import Ui
+from lfpipe.render.ui.glasses import GHOST
+from lfpipe.render.ui.keys import DEPTH
+from lfpipe.render.ui.notices import SHOWN_NS
+from lfpipe.render.ui.recording import picture_folder
+
+Action = Callable[[Ui, Event], None]
+ALPHA_FACTOR = 1.1  # hardly visible at once, twice the parallax in seven steps
+GHOST_STEP = 5.0  # %: the smallest visible change
+
+
+def _request(command: str, ui: Ui, _event: Event, **values: object) -> None:
+    ui.context.request(command, **values)
+
+
+def _recentre(ui: Ui, _event: Event) -> None:
+    ui.context.request("recentre")
+    ui.notices.show("centre", "centred where you are")
+
+
+def _pause(ui: Ui, _event: Event) -> None:
+    ui.context.request("resume" if ui.context.paused else "pause")
+
+
+def _load(ui: Ui, event: Event) -> None:
+    ui.close_page()
+    if event.text:
+        ui.scenes.load(Path(event.text).absolute())
+    else:
+        text = "the file name cannot be read: rename it to plain letters, then drop it again"
+        ui.notices.show("scene", text, 2 * SHOWN_NS)
+
+
+def _wear(ui: Ui, event: Event) -> None:
+    """Keeps the answer, and begins the test of these glasses."""
+    ui.close_page()
+    ui.settings.keep({"anaglyph": event.text})
+    ui.settings.set(anaglyph=event.text)
+    if event.text != "mono":
+        ui.open_page(ui.glasses_test)
+
+
+def _compensate_ghost(ui: Ui, _event: Event, step: float) -> None:
+    """Adjusts ghost compensation while the glasses test is open."""
+    if ui.page is ui.glasses_test:
+        ghost = ui.context.config.render.ghost_compensation + step
+        ui.settings.set(ghost_compensation=min(max(ghost, 0.0), 100.0))
+
+
+def _save_picture(ui: Ui, _event: Event) -> None:
+    if ui.presenter.picture is not None:
+        path = picture_folder() / time.strftime("lfpipe-%Y%m%d-%H%M%S.png")
+        text = save(path, ui.presenter.picture) or f"picture saved as {path}"
+        ui.context.emit("notice", text=text)
+        ui.notices.show("picture", text)
+
+
+ACTIONS: Mapping[str, Action] = {
+    "quit": partial(_request, "stop"),
+    "recentre": _recentre,
+    "freeze": _pause,
+    "screenshot": _save_picture,
+    # pages
+    "overlay": lambda ui, _: ui.open_page(ui.metrics_page),
+    "help": lambda ui, _: ui.open_page(ui.help_page),
+    "choose": lambda ui, _: ui.open_page(ui.scene_page),
+    "which": lambda ui, _: ui.open_page(ui.glasses_question),
+    "glasses": lambda ui, _: ui.open_page(ui.glasses_test),
+    "close": lambda ui, _: ui.close_page(),
+    # settings
+    "mode": lambda ui, _: ui.settings.next_mode(),
+    "depth+": lambda ui, _: ui.settings.move_zero_plane(1),
+    "depth-": lambda ui, _: ui.settings.move_zero_plane(-1),
+    "alpha+": lambda ui, _: ui.settings.scale_alpha(ALPHA_FACTOR),
+    "alpha-": lambda ui, _: ui.settings.scale_alpha(1 / ALPHA_FACTOR),
+    "automatic": lambda ui, _: ui.settings.automatic(),
+    "swap": lambda ui, _: ui.settings.swap_eyes(),
+    "invert-depth": lambda ui, _: ui.settings.invert_depth(),
+    DEPTH: lambda ui, event: ui.settings.set(alpha_px="auto", depth=event.value),
+    # glasses
+    "wear": _wear,
+    "more": partial(_compensate_ghost, step=GHOST_STEP),
+    "less": partial(_compensate_ghost, step=-GHOST_STEP),
+    GHOST: lambda ui, event: ui.settings.set(ghost_compensation=round(100 * event.value)),
+    # scenes and recordings
+    "load": _load,
+    "delete": lambda ui, event: ui.scene_page.forget(event.text),
+    "next": lambda ui, _: ui.scenes.step(1),
+    "previous": lambda ui, _: ui.scenes.step(-1),
+    "open": partial(_request, "dialog", folder=True),
+    "open-file": partial(_request, "dialog", folder=False),
+    "record": lambda ui, _: ui.recording.toggle(),
+}

@@ -1,0 +1,160 @@
+"""The user interface of the window: the open page, the overlay, and one dispatch for all events.
+
+What an event does is a row of `lfpipe.render.ui.actions.ACTIONS`. Settings, files and dialogs are
+requests to the supervisor, so every stage gets a change, and nothing here waits for a disk.
+"""
+
+from collections.abc import Callable, Mapping
+
+import attrs
+
+from lfpipe.render.display.display import Display
+from lfpipe.render.display.open_display import HINT
+from lfpipe.render.display.overlay import Event, Item, Overlay
+from lfpipe.render.presenter import Presenter
+from lfpipe.render.ui.keys import CLOSING, DEPTH, bar_items
+from lfpipe.render.ui.notices import ChangeNotices, Notices, standing_notices
+from lfpipe.render.ui.pages import GlassesQuestion, GlassesTest, Help, MetricsPage, Page
+from lfpipe.render.ui.recording import RecordingIndicator
+from lfpipe.render.ui.scenes import NO_OTHER, SceneLoader, ScenePage
+from lfpipe.render.ui.settings import Settings
+from lfpipe.render.viewer.mouse_look import MouseLook
+from lfpipe.render.viewer.viewer import Viewer
+from lfpipe.transport.clock import SECOND_NS, now_ns
+from lfpipe.transport.context import Context
+from lfpipe.transport.control import Message
+
+HINT_NS = 6 * SECOND_NS  # a person looks at the scene first
+
+
+class Ui:
+    """Handles a display's events, and what lies over its picture."""
+
+    def __init__(
+        self,
+        context: Context,
+        viewer: Viewer,
+        presenter: Presenter,
+        mouse: MouseLook,
+        display: Display,
+        actions: "Mapping[str, Callable[[Ui, Event], None]]",
+    ) -> None:
+        """actions: event name -> what it does."""
+        self.context = context
+        self.viewer = viewer
+        self.presenter = presenter
+        self.notices = Notices()
+        self.settings = Settings(context, viewer)
+        self.scenes = SceneLoader(context, self.notices)
+        self.recording = RecordingIndicator(context, self.notices)
+        self.scene_page = ScenePage(context)
+        self.metrics_page = MetricsPage(context, viewer, presenter)
+        self.help_page = Help()
+        self.glasses_question = GlassesQuestion(context)
+        self.glasses_test = GlassesTest(context, presenter, self.settings)
+        self._mouse = mouse
+        self._display = display
+        self._actions = actions
+        self._changes = ChangeNotices(context, viewer, self.notices)
+        first = not context.row["restarts"]
+        self.page: Page | None = (
+            self.glasses_question if context.options.ask_glasses and first else None
+        )
+        """The page over the picture."""
+        # the page of scenes opens after the question and the test of the glasses
+        self._scenes_wait = context.options.start and first
+        if not (context.options.lock_code or self.page or self._scenes_wait):
+            self.notices.show("hint", HINT, HINT_NS)
+        self._changes.ask_about_depth()
+        self._set_overlay(now_ns())  # keys that are pressed now are for the menu
+
+    def serve(self) -> None:
+        """Handles the events since the last call and refreshes what lies over the picture."""
+        for event in self._display.events():
+            self.presenter.redraw()
+            if event.name in CLOSING and not (self.page and self.page.stays):
+                self.close_page()
+            if event.name in self._actions:
+                self._actions[event.name](self, event)
+        t_ns = now_ns()
+        self._mouse.move(self._display.pointer, t_ns)
+        self.pass_on_notices()
+        # a larger picture has larger parallax
+        if self.viewer.set_width(self._display.width_mm()):
+            self.presenter.redraw()
+        self.scenes.serve(t_ns)
+        if self._changes.update():
+            self._display.title(self.viewer.field.name)
+        if self.recording.update(t_ns):
+            self.presenter.redraw()
+        self._set_overlay(t_ns)
+
+    def handle(self, message: Message) -> None:
+        """Handles the answer to a request of the window."""
+        command = message.get("cmd")
+        if command in ("load", "dialog") or not message["ok"]:
+            self.scenes.handle(message)
+        elif command == "keep" and "values" in message:
+            self.notices.show("kept", self.settings.kept_text(message["values"]))
+
+    def open_page(self, page: Page) -> None:
+        """Opens a page in place of another; closes it if it is open."""
+        options = self.context.options
+        if page is self.scene_page and len(options.playlist) < 2 and not options.start:
+            self.notices.show("scene", NO_OTHER)
+            return
+        before = self.page
+        self.close_page()
+        if page is not before:
+            self._scenes_wait = self._scenes_wait and page is not self.scene_page
+            self.page = page
+            page.open()
+
+    def close_page(self) -> None:
+        """Closes the open page."""
+        page = self.page
+        self.page = None
+        if page is not None:
+            page.close()
+
+    def pass_on_notices(self) -> None:
+        """Emits the display's notices."""
+        for notice in self._display.notices():
+            if notice.lost:
+                self.context.report_lost(notice.text)
+            else:
+                self.context.emit("notice", text=notice.text)
+
+    def _set_overlay(self, t_ns: int) -> None:
+        if self._scenes_wait and self.page is None:
+            self.open_page(self.scene_page)
+        standing = [
+            self.scenes.status(t_ns),
+            *standing_notices(self.context, self._display.knows_rows),
+        ]
+        self._display.overlay(
+            attrs.evolve(
+                self.page.overlay(t_ns) if self.page else Overlay(),
+                notices=self.notices.lines(t_ns, standing),
+                progress=self.scenes.progress,
+                bar=self._bar(),
+                recording=self.recording.status,
+            )
+        )
+
+    def _bar(self) -> tuple[Item, ...]:
+        options = self.context.options
+        field = self.viewer.field
+        if options.lock_code:
+            return ()
+        without = set() if len(options.playlist) > 1 or options.start else {"choose"}
+        if not options.viewer.tracked:
+            without.add("record")
+        if field.rows * field.cols == 1:
+            without |= {DEPTH, "invert-depth", "recentre", "which"}
+        return bar_items(
+            self.context.config.render.depth,
+            bool(options.record),
+            self.context.paused,
+            frozenset(without),
+        )

@@ -1,0 +1,72 @@
+"""Settings that a person changes in the window; the supervisor applies them, and saves those that
+are kept.
+"""
+
+from collections.abc import Collection
+
+from lfpipe.config import Render, choices
+from lfpipe.render.synthesis.zero_plane import zero_plane_px, zero_planes_px
+from lfpipe.render.viewer.viewer import Viewer
+from lfpipe.transport.context import Context
+
+MODES = choices("render.anaglyph")
+KEPT = {  # key of [render] -> its name in a notice
+    "anaglyph": "your glasses",
+    "swap_eyes": "swapped eyes",
+    "ghost_compensation": "ghost compensation",
+}
+
+
+class Settings:
+    """Requests changes of [render] and of the order of depth."""
+
+    def __init__(self, context: Context, viewer: Viewer) -> None:
+        self._context = context
+        self._viewer = viewer
+
+    def set(self, **values: object) -> None:
+        """Changes keys of [render] in this session."""
+        self._context.request(
+            "set", set={f"render.{name}": value for name, value in values.items()}
+        )
+
+    def keep(self, values: dict[str, float | bool | str]) -> None:
+        """Saves keys of [render] in the person's settings."""
+        if values:
+            self._context.request("keep", section="render", values=values)
+
+    @staticmethod
+    def kept_text(names: Collection[str]) -> str:
+        """The notice for saved keys."""
+        return f"saved for the next session: {', '.join(KEPT.get(name, name) for name in names)}"
+
+    def next_mode(self) -> None:
+        """Switches to the next colour mode."""
+        at = MODES.index(self._context.config.render.anaglyph)
+        self.set(anaglyph=MODES[(at + 1) % len(MODES)])
+
+    def swap_eyes(self) -> None:
+        """Exchanges the views of the eyes."""
+        self.set(swap_eyes=not self._context.config.render.swap_eyes)
+
+    def invert_depth(self) -> None:
+        """Exchanges near and far of the scene."""
+        word = "no" if self._viewer.field.depth_inverted else "yes"
+        self._context.request("set", set={"scene.invert_depth": word})
+
+    def automatic(self) -> None:
+        """Makes depth and parallax automatic again."""
+        default = Render()
+        self.set(alpha_px="auto", zero_plane_px=default.zero_plane_px, depth=default.depth)
+
+    def move_zero_plane(self, steps: int) -> None:
+        """Moves the scene back (steps > 0) or forward."""
+        field = self._viewer.field
+        *_, step_px = zero_planes_px(field.disparity_min_px, field.disparity_max_px)
+        number = round(zero_plane_px(field, self._context.config.render) / step_px) + steps
+        self.set(zero_plane_px=round(number * step_px, 6))
+
+    def scale_alpha(self, factor: float) -> None:
+        """Multiplies alpha."""
+        if self._viewer.parallax is not None:
+            self.set(alpha_px=round(self._viewer.parallax.alpha_px * factor, 3))
