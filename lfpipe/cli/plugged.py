@@ -84,9 +84,8 @@ class ExtensibleGroup(click.Group):
         return self.name or ""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """All names: its own, then the added ones."""
-        own = super().list_commands(ctx)
-        return [*own, *(name for name in added(self.place, AddedCommand) if name not in own)]
+        """All names, also the added ones."""
+        return sorted({*super().list_commands(ctx), *added(self.place, AddedCommand)})
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
         """The command of that name, with the options that other packages add."""

@@ -12,15 +12,21 @@ import textwrap
 import time
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 
 from lfpipe import config
+from lfpipe.capture.frame_source import FrameSource
+from lfpipe.capture.open_source import camera_name, check_source, clock_of, open_source
+from lfpipe.capture.spec import KINDS
+from lfpipe.config.modes import Live
+from lfpipe.errors import UserError
 from lfpipe.scene import layouts
 from tests.docs.conftest import PAGES, ROOT, blocks
-from tests.support.world import World
+from tests.support.world import World, until
 
 
 def test_docs_blocks_of_data_are_well_formed() -> None:
@@ -87,6 +93,40 @@ def test_stage_example_runs_in_a_session(world: World, scene: Path, tmp_path: Pa
     process = world.shows(scene, pictures=1)
     world.wait_for(lambda: world.monitor()["stages"]["away"]["count"] > 5, "outputs of the stage")
     assert "failed" not in world.ended(process, signal.SIGTERM)
+
+
+def test_source_example_delivers_frames_and_hides_its_password(
+    monkeypatch: pytest.MonkeyPatch, clip: Path, tmp_path: Path
+) -> None:
+    example = next(block for block in blocks("docs/extending.md") if "RtspSource" in block)
+    (tmp_path / "rtsp.py").write_text(example)
+    monkeypatch.syspath_prepend(tmp_path)
+    rtsp = importlib.import_module("rtsp")
+    monkeypatch.setitem(KINDS, "rtsp", rtsp.RtspSource)
+    camera = config.Camera()
+    url = "rtsp://me:secret@camera.example/stream"
+    with pytest.raises(UserError, match=r"rtsp://\*\*\*@camera.example/stream: cannot") as refused:
+        monkeypatch.setattr(cv2, "VideoCapture", lambda _: SimpleNamespace(isOpened=bool))
+        check_source(url, camera)
+    assert "secret" not in str(refused.value) + camera_name(url)
+    monkeypatch.undo()
+    monkeypatch.setitem(KINDS, "rtsp", rtsp.RtspSource)
+    capture = cv2.VideoCapture
+    monkeypatch.setattr(cv2, "VideoCapture", lambda _: capture(str(clip)))
+    viewer = check_source(url, camera)
+    assert viewer.source == url and clock_of(url) == Live()
+    source = open_source(url, camera, reconnect=True)
+    out = np.zeros((480, 640, 3), np.uint8)
+    until(lambda: frame_of(source, out) is not None, "a frame")
+    assert out.any() and "secret" not in source.info.name
+    source.close()
+
+
+def frame_of(source: FrameSource, out: np.ndarray) -> object:
+    try:
+        return source.read(out)
+    except TimeoutError:
+        return None
 
 
 def program(word: str) -> str:

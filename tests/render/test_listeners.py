@@ -231,6 +231,12 @@ def test_shown_stamps_only_on_demand_and_of_what_was_seen() -> None:
     assert records == [(1, 6)]
 
 
+def test_trace_line_has_the_columns_of_the_contracts() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "contracts.md").read_text()
+    line = json.loads(page.partition("## Trace")[2].split("```")[1].removeprefix("json"))
+    assert {*trace_line(presentation(), "warp", 0), "presented_by"} == line.keys()
+
+
 def test_trace_line_holds_the_blank_that_was_aimed_at() -> None:
     refresh_ns = 16_666_667
     line = trace_line(presentation(display_time=DisplayTime.of(2 * S, refresh_ns)), "warp", 0)
