@@ -96,12 +96,10 @@ def test_stage_example_runs_in_a_session(world: World, scene: Path, tmp_path: Pa
 
 
 def test_source_example_delivers_frames_and_hides_its_password(
-    monkeypatch: pytest.MonkeyPatch, clip: Path, tmp_path: Path
+    monkeypatch: pytest.MonkeyPatch, clip: Path
 ) -> None:
-    example = next(block for block in blocks("docs/extending.md") if "RtspSource" in block)
-    (tmp_path / "rtsp.py").write_text(example)
-    monkeypatch.syspath_prepend(tmp_path)
-    rtsp = importlib.import_module("rtsp")
+    monkeypatch.syspath_prepend(ROOT / "examples" / "lfpipe-example")
+    rtsp = importlib.import_module("lfpipe_example.rtsp")
     monkeypatch.setitem(KINDS, "rtsp", rtsp.RtspSource)
     camera = config.Camera()
     url = "rtsp://me:secret@camera.example/stream"
