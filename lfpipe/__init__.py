@@ -9,7 +9,7 @@ import importlib
 import os
 from typing import TYPE_CHECKING, Any
 
-from lfpipe._version import __version__
+from lfpipe._version import __version__ as __version__
 
 if TYPE_CHECKING:
     from lfpipe.api.scenes import open_scene, render_anaglyph, render_view
@@ -28,7 +28,6 @@ __all__ = [
     "Session",
     "Tracker",
     "UserError",
-    "__version__",
     "attach",
     "open_scene",
     "render_anaglyph",
