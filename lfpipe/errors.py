@@ -1,6 +1,7 @@
 """What a person did that cannot work, phrased so that they can fix it."""
 
 import json
+import re
 import reprlib
 
 # A program that starts lfpipe names a file in this variable of the environment: a failed command
@@ -8,6 +9,7 @@ import reprlib
 ERROR_FILE = "LFPIPE_ERROR_FILE"
 # a screen of 80x24 holds a message with its remedy
 MESSAGE_CHARS, REMEDY_CHARS, VALUE_CHARS = 1500, 400, 60
+CREDENTIALS = re.compile(r"(\b[a-z][a-z0-9+.-]{0,15}://)[^/\s]*@", re.I)
 
 
 class UserError(Exception):
@@ -43,15 +45,21 @@ class UserError(Exception):
 
 def plain(text: str, most_chars: int = 4 * MESSAGE_CHARS) -> str:
     """text `escaped`, and its middle left out where it is long."""
-    return _without_middle(escaped(_without_middle(text, most_chars)), most_chars)
+    return _without_middle(escaped(_without_middle(redacted(text), most_chars)), most_chars)
 
 
 def escaped(text: str) -> str:
-    """text with control characters and lone surrogates escaped; lines remain lines. Whatever lfpipe
-    prints and did not write itself goes through here: a terminal obeys escape sequences in names,
-    notices and telemetry.
+    """text with control characters and lone surrogates escaped, and credentials `redacted`; lines
+    remain lines. Whatever lfpipe prints and did not write itself goes through here: a terminal
+    obeys escape sequences in names, notices and telemetry.
     """
+    text = redacted(text)
     return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
+
+
+def redacted(text: str) -> str:
+    """text without the names and passwords of URLs in it: sources may have some."""
+    return CREDENTIALS.sub(r"\1***@", text)
 
 
 def _without_middle(text: str, most_chars: int) -> str:

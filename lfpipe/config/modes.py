@@ -119,8 +119,8 @@ class Window:
 
     # whether it fills the screen
     fullscreen: bool = False
-    # the code that ends an exhibition, the only keys that the window accepts; "" outside of one
-    kiosk: str = attrs.field(default="", repr=False)
+    # the code that closes it, the only keys that a locked window accepts; "" if it is not locked
+    lock_code: str = attrs.field(default="", repr=False)
 
     def __str__(self) -> str:
         return "fullscreen" if self.fullscreen else "window"

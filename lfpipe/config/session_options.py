@@ -110,8 +110,10 @@ class SessionOptions:
     # names of rings that exist only on demand
     pictures: str = ""
     packets: str = ""
-    # where eyes are sent to, as `lfpipe.extras.share.target` writes it
-    share: tuple[str, ...] = ()
+    # what stages of other packages work on, by the name of the stage
+    extras: Mapping[str, tuple[str, ...]] = attrs.field(factory=dict)
+    # rings on demand that such stages read now
+    asked_for: tuple[str, ...] = ()
     # the scenes to step through, and the index of the one on show
     playlist: tuple[str, ...] = ()
     playlist_at: int = 0
@@ -123,9 +125,13 @@ class SessionOptions:
     level: QualityLevel | None = None
 
     @property
-    def kiosk(self) -> str:
-        """The code that ends an exhibition, "" outside of one."""
-        return self.display.kiosk if isinstance(self.display, Window) else ""
+    def lock_code(self) -> str:
+        """The code that closes a locked window; "" if the window is not locked."""
+        return self.display.lock_code if isinstance(self.display, Window) else ""
+
+    def extra(self, stage: str) -> tuple[str, ...]:
+        """What a stage of another package works on; nothing if it does not run."""
+        return self.extras.get(stage, ())
 
     @property
     def pack(self) -> str:

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config.modes import MouseViewer, RecordedEyes
+from lfpipe.errors import redacted
 from lfpipe.eyes import EYES
 from lfpipe.host.files import exists
 from lfpipe.host.machine import versions
@@ -188,13 +189,15 @@ class Recorder:
         self._reported = self._slow = False
         self._last_ns = 0
         viewer = context.options.viewer
+        camera = context.config.camera
+        camera = attrs.evolve(camera, source=redacted(camera.source))
         self._writer = SequenceWriter(
             folder,
-            viewer.source,
+            redacted(viewer.source),
             self._frames.size_px,
             viewer.rate_hz or context.config.render.nominal_hz,
             versions=versions(),
-            config=attrs.asdict(context.config),
+            config=attrs.asdict(attrs.evolve(context.config, camera=camera)),
         )
         self._store = Store(self._writer, 3 * math.prod(context.config.camera.frame_px))
         if anew:

@@ -1,16 +1,17 @@
 """Work with files and names in a child process, `python -m lfpipe.supervisor.file_checks`: a dead
-network drive or name server blocks the process that asks it. The child checks paths and targets,
-and writes what a person wants to keep.
+network drive or name server blocks the process that asks it. The child checks paths and hosts, and
+writes what a person wants to keep.
 """
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import attrs
 
 from lfpipe.errors import UserError
 from lfpipe.host.worker import Report, serve
+from lfpipe.plugins import REQUESTS, guarded, load
 from lfpipe.transport.control import Message
 
 FIX_SETTINGS = "make that file writable; if it is damaged, correct it or remove it"
@@ -22,17 +23,14 @@ MEMORY_BYTES = 1 << 30
 class FileCheck:
     """What the child does for a request."""
 
-    check: Literal["trace", "record", "share", "keep", "keep depth"]
+    check: str
+    """"trace", "record", "keep", "keep depth", or a command of another package."""
     path: str
     """Of the output, the settings or the pack; messages name it."""
     source: str = ""
     """The source of frames: an input, which no output may replace."""
     record: str = ""
     """The folder of the running recording, likewise."""
-    targets: tuple[str, ...] = ()
-    """Targets to share with."""
-    running: tuple[str, ...] = ()
-    """Targets that are shared with already."""
     section: str = ""
     """Settings to write to [section]."""
     values: Mapping[str, Any] = attrs.field(factory=dict)
@@ -73,9 +71,8 @@ def check(request: Message, _report: Report) -> Message:
 
         remember(open_pack(Path(asked.path)), asked.values["depth"])
         return {}
-    from lfpipe.extras.share.target import check_targets
-
-    return {"targets": list(check_targets(asked.targets, asked.running))}
+    plugin = guarded(load(REQUESTS, asked.check, ()), REQUESTS, asked.check, {"check": dict})
+    return dict(plugin.check(asked))
 
 
 if __name__ == "__main__":

@@ -13,10 +13,10 @@ from functools import partial
 import attrs
 import zmq
 
-from lfpipe import __version__
+from lfpipe._version import __version__
 from lfpipe.config import converter
 from lfpipe.config.modes import Lossless
-from lfpipe.errors import plain
+from lfpipe.errors import plain, redacted
 from lfpipe.host.file_lock import Lock
 from lfpipe.host.processes import usable_cores
 from lfpipe.scene.open_scene import Packing
@@ -180,7 +180,9 @@ class LiveSession:
     def _begin(self) -> SessionManifest:
         """Writes the session's manifest and the head of its log."""
         options = converter().unstructure(self._store.state.options)
-        options["display"].pop("kiosk", None)  # the code that ends an exhibition
+        options["display"].pop("lock_code", None)
+        if "source" in options["viewer"]:
+            options["viewer"]["source"] = redacted(options["viewer"]["source"])
         manifest = SessionManifest.begin(self._session, options)
         logger.info("session %s: lfpipe %s, pid %d", manifest.session, __version__, manifest.pid)
         logger.info("options: %s", {key: value for key, value in options.items() if value})

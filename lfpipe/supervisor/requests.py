@@ -10,15 +10,15 @@ changes nothing.
 import logging
 from collections.abc import Callable
 from functools import partial
-from typing import Literal
+from typing import Literal, Protocol
 
 import attrs
 
 from lfpipe import config as config_module
 from lfpipe.config import SceneSummary, converter
 from lfpipe.config.modes import MouseViewer
-from lfpipe.errors import UserError, quoted
-from lfpipe.extras.share.target import FORMS, MAX_TARGETS
+from lfpipe.errors import UserError
+from lfpipe.plugins import REQUESTS, guarded, load, plugins
 from lfpipe.scene.open_scene import PackerRequest
 from lfpipe.supervisor.file_checks import FileCheck
 from lfpipe.supervisor.process_table import SCORER, SHOWN_BY, STAGES, TRACKED_BY
@@ -75,11 +75,40 @@ def respond(state: SessionState, message: Message, t_ns: int, sender: str = "") 
     BadMessage, UserError.
     """
     command = message.get("cmd")
-    if not isinstance(command, str) or command not in HANDLERS:
-        raise BadMessage(f"unknown command {command!r:.100}; commands are {', '.join(HANDLERS)}")
+    if not isinstance(command, str) or command not in commands():
+        raise BadMessage(f"unknown command {command!r:.100}; commands are {', '.join(commands())}")
     if command in OF_THE_WINDOW and sender != SHOWN_BY:
         raise BadMessage(f"{command}: only the window of the session may send it")
-    return HANDLERS[command](state, message, t_ns)
+    if command in HANDLERS:
+        return HANDLERS[command](state, message, t_ns)
+    return _plugged(command).respond(state, message, t_ns)
+
+
+class RequestPlugin(Protocol):
+    """A control command of another package: an entry point of `lfpipe.requests` of its name."""
+
+    def respond(self, state: SessionState, message: Message, t_ns: int) -> Reply:
+        """As `respond`."""
+        ...
+
+    def check(self, asked: FileCheck) -> Message:
+        """In a child process: what `Reply.check` asks for, as plain values. Raises UserError."""
+        ...
+
+    def respond_checked(self, state: SessionState, message: Message, result: Message) -> Reply:
+        """As `respond_checked`."""
+        ...
+
+
+def commands() -> list[str]:
+    """The control commands, built-in ones first."""
+    return list(dict.fromkeys((*HANDLERS, *plugins(REQUESTS))))
+
+
+def _plugged(command: str) -> RequestPlugin:
+    results = {"respond": Reply, "respond_checked": Reply}
+    plugin: RequestPlugin = guarded(load(REQUESTS, command, HANDLERS), REQUESTS, command, results)
+    return plugin
 
 
 def _set(state: SessionState, message: Message, _t_ns: int) -> Reply:
@@ -174,7 +203,7 @@ def _output(state: SessionState, message: Message, _t_ns: int) -> Reply:
     if not path:
         ended: Message = {option: ""}
         return Reply(answer={"path": running}, state=state.changed(**ended))
-    if command == "record" and not _has_eyes(state):
+    if command == "record" and not has_eyes(state):
         raise UserError(
             "no camera is in use: the scene is a single view",
             "record without a scene: `lfpipe record OUT`",
@@ -185,47 +214,6 @@ def _output(state: SessionState, message: Message, _t_ns: int) -> Reply:
             check=command, path=path, source=options.viewer.source, record=options.record
         )
     )
-
-
-def _share(state: SessionState, message: Message, _t_ns: int) -> Reply:
-    """Adds the targets `start`, or removes the targets `stop` (all, if it is empty)."""
-    start = message.get("start")
-    stop = message.get("stop")
-    running = state.options.share
-    texts = stop if start is None else start
-    if (
-        (start is None) == (stop is None)
-        or not isinstance(texts, list)
-        or not all(isinstance(text, str) for text in texts)
-    ):
-        raise BadMessage("share needs a list of targets, either to start or to stop")
-    if start is not None:
-        if not start:
-            raise UserError("no target given", FORMS)
-        if len(start) > MAX_TARGETS:
-            raise BadMessage(f"share: {len(start)} targets; at most {MAX_TARGETS} are allowed")
-        if not _has_eyes(state):
-            raise UserError(
-                "no eyes are tracked: the scene is a single view",
-                "use `lfpipe up --no-picture --share TARGET`",
-            )
-        return Reply(
-            check=FileCheck(
-                check="share",
-                path=", ".join(start)[:200],
-                targets=tuple(start),
-                running=running,
-            )
-        )
-    if not running:
-        raise UserError("nothing is shared", "start it with `lfpipe ctl share start TARGET`")
-    named = {target: {target, target.partition("?")[0]} for target in running}
-    if unknown := [text for text in texts if not any(text in one for one in named.values())]:
-        raise UserError(
-            f"{quoted(unknown[0])} is not a current target", f"name one of {', '.join(running)}"
-        )
-    left = tuple(target for target in running if texts and named[target].isdisjoint(texts))
-    return Reply(answer={"share": list(left)}, state=state.changed(share=left))
 
 
 def _keep(state: SessionState, message: Message, _t_ns: int) -> Reply:
@@ -271,15 +259,14 @@ def respond_checked(state: SessionState, message: Message, result: Message, t_ns
     if message["cmd"] == "keep":
         return Reply(answer={key: message[key] for key in KEPT if key in message})
     respond(state, message, t_ns)  # another client may have started one
-    if message["cmd"] == "share":
-        share = tuple(dict.fromkeys((*state.options.share, *result["targets"])))
-        return Reply(answer={"share": list(share)}, state=state.changed(share=share))
+    if message["cmd"] not in HANDLERS:
+        return _plugged(message["cmd"]).respond_checked(state, message, result)
     option, _, _ = OUTPUTS[message["cmd"]]
     path = message["path"]
     return Reply(answer={"path": path}, state=state.changed(**{option: path}))
 
 
-def _has_eyes(state: SessionState) -> bool:
+def has_eyes(state: SessionState) -> bool:
     """Whether the scene on show needs eyes, and the session has some."""
     return state.options.viewer.tracked or isinstance(state.options.viewer, MouseViewer)
 
@@ -346,7 +333,6 @@ HANDLERS: dict[str, Handler] = {
     "pictures": _pictures,
     "trace": _output,
     "record": _output,
-    "share": _share,
     "keep": _keep,
     "dialog": _dialog,
     "stop": lambda _state, _message, _t_ns: Reply(stop=True),

@@ -21,7 +21,7 @@ from lfpipe.config import (
 )
 from lfpipe.config.modes import Lossless, Viewer, watching
 from lfpipe.config.quality import ladder
-from lfpipe.supervisor.process_table import packet_ring, picture_ring
+from lfpipe.supervisor.process_table import ON_DEMAND, asked_for, packet_ring, picture_ring
 from lfpipe.transport.control import Message
 from lfpipe.transport.ring import RingSpec
 
@@ -65,7 +65,7 @@ class SessionState:
     @classmethod
     def first(cls, config: Config, options: SessionOptions) -> SessionState:
         """The state at the start of a session."""
-        return cls(config=config, options=options)._with_packets()
+        return cls(config=config, options=options)._with_rings()
 
     @property
     def basis(self) -> Basis:
@@ -100,7 +100,7 @@ class SessionState:
 
     def rings(self) -> dict[str, RingSpec]:
         """The on-demand rings that this state needs, by name."""
-        rings: dict[str, RingSpec] = {}
+        rings = {name: ON_DEMAND[name] for name in self.options.asked_for}
         if self.options.pictures:
             rings[self.options.pictures] = picture_ring(*self.pictures_px)
         jpeg_px = self.options.viewer.jpeg_px
@@ -124,7 +124,7 @@ class SessionState:
             new = new._with(scene=new.options.scene.shown_as(config.scene.invert_depth))
         if new.levels != self.levels:
             new = new._with(level=None)
-        return new._with_packets()
+        return new._with_rings()
 
     def _with(self, **options: Any) -> SessionState:
         return attrs.evolve(self, options=attrs.evolve(self.options, **options))
@@ -193,8 +193,10 @@ class SessionState:
             playlist_at=good.playlist_at,
         )
 
-    def _with_packets(self) -> SessionState:
-        """With the ring of JPEGs if a source of JPEGs is recorded, else without it."""
+    def _with_rings(self) -> SessionState:
+        """With the rings that stages ask for, and that of JPEGs if a source of them is recorded."""
+        if (wanted := asked_for(self.options)) != self.options.asked_for:
+            return self._with(asked_for=wanted)._with_rings()
         records_jpegs = bool(self.options.record and self.options.viewer.jpeg_px)
         if records_jpegs == bool(self.options.packets):
             return self

@@ -64,7 +64,7 @@ def loader(notices: Notices, **more: object) -> tuple[SceneLoader, list[dict[str
     """A loader of a session with such options, and the requests that it makes."""
     asked: list[dict[str, object]] = []
     context = SimpleNamespace(
-        options=SimpleNamespace(**{"kiosk": "", "playlist_at": 0, **more}),
+        options=SimpleNamespace(**{"lock_code": "", "playlist_at": 0, **more}),
         row={"t_face_ns": SECOND_NS},
         request=lambda word, **words: asked.append({word: words}),
     )
@@ -75,10 +75,10 @@ def loader(notices: Notices, **more: object) -> tuple[SceneLoader, list[dict[str
     ("code", "at", "alone_s", "loads"),
     [("bye42", 2, 61, 1), ("bye42", 2, 59, 0), ("bye42", 0, 99, 0), ("", 2, 99, 0)],
 )
-def test_scene_loader_of_a_kiosk_begins_with_the_first_scene_for_the_next_visitor(
+def test_scene_loader_of_a_locked_window_begins_with_the_first_scene_for_the_next_visitor(
     code: str, at: int, alone_s: int, loads: int
 ) -> None:
-    scenes, asked = loader(Notices(), kiosk=code, playlist_at=at)
+    scenes, asked = loader(Notices(), lock_code=code, playlist_at=at)
     for _ in range(3):  # asked for once, however often it is looked at
         scenes.serve((1 + alone_s) * SECOND_NS)
     assert asked == [{"load": {"at": 0}}] * loads

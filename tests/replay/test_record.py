@@ -60,9 +60,7 @@ def test_a_live_session_is_recorded_without_a_hole(world: World, short: Path, bl
     assert sequence.lost <= let_go + missed, (
         "every hole is counted, of the source as of the recorder"
     )
-    assert missed <= 0.02 * len(seqs), (
-        "that no frame is missed is measured in profiling/replay_recording.py"
-    )
+    assert missed <= 0.02 * len(seqs)
     assert {stat.S_IMODE(path.stat().st_mode) for path in out.iterdir()} == {
         0o600
     } and stat.S_IMODE(out.stat().st_mode) == 0o700

@@ -52,13 +52,6 @@ MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
             " `lfpipe record OUT`"
         ),
     ),
-    "nothing to share": (
-        lambda here: respond(made_state(viewer=NoViewer()), {"cmd": "share", "start": ["lsl"]}, 0),
-        (
-            "no eyes are tracked: the scene is a single view\n  remedy: use `lfpipe up --no-picture"
-            " --share TARGET`"
-        ),
-    ),
     "a scene beyond the playlist": (
         lambda here: respond(made_state(playlist=("/a", "/b")), {"cmd": "load", "at": 2}, 0),
         "no scene 2 in the playlist\n  remedy: choose 0 to 1",

@@ -63,7 +63,7 @@ class Ui:
         """The page over the picture."""
         # the page of scenes opens after the question and the test of the glasses
         self._scenes_wait = context.options.start and first
-        if not (context.options.kiosk or self.page or self._scenes_wait):
+        if not (context.options.lock_code or self.page or self._scenes_wait):
             self.notices.show("hint", HINT, HINT_NS)
         self._changes.ask_about_depth()
         self._set_overlay(now_ns())  # keys that are pressed now are for the menu
@@ -144,7 +144,7 @@ class Ui:
     def _bar(self) -> tuple[Item, ...]:
         options = self.context.options
         field = self.viewer.field
-        if options.kiosk:
+        if options.lock_code:
             return ()
         without = set() if len(options.playlist) > 1 or options.start else {"choose"}
         if not options.viewer.tracked:

@@ -144,7 +144,7 @@ class ChangeNotices:
         """Tells, the first time an undecided scene is shown, how to invert depth."""
         options = self._context.options
         field = self._viewer.field
-        on_screen = isinstance(options.display, Window) and not options.kiosk
+        on_screen = isinstance(options.display, Window) and not options.lock_code
         if on_screen and undecided(field, self._context.config.scene.invert_depth):
             self._shown.show("depth order", "press d if the depth looks inverted", ASKED_NS)
             self._context.request("keep", depth="asked")
@@ -155,12 +155,12 @@ def standing_notices(context: Context, knows_rows: bool) -> list[str]:
     lines = []
     if context.config.render.anaglyph == "row-interleaved" and not knows_rows:
         lines.append(ROWS_UNKNOWN)
-    is_exhibition = bool(context.options.kiosk)
+    is_locked = bool(context.options.lock_code)
     if context.paused:
-        lines.append("paused" if is_exhibition else "paused: press p or space to resume")
+        lines.append("paused" if is_locked else "paused: press p or space to resume")
     t_face_ns = context.row["t_face_ns"]
     current = notices(context.table.rows, context.spec.source, context.spec.name, t_face_ns)
-    if current and is_exhibition:  # the notices themselves are for its operator
+    if current and is_locked:  # the notices themselves are for its operator
         is_alone = any(notice.kind is NoticeKind.NO_FACE for notice in current)
         return [*lines, INVITATION if is_alone else DRAG]
     return [*lines, *(notice.text for notice in current)]

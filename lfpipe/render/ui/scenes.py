@@ -117,11 +117,11 @@ class SceneLoader:
         )
 
     def serve(self, t_ns: int) -> None:
-        """In an exhibition, requests the first scene for the next visitor."""
+        """In a locked window, requests the first scene for the next visitor."""
         options = self._context.options
         alone_ns = t_ns - int(self._context.row["t_face_ns"])
         if (
-            options.kiosk
+            options.lock_code
             and options.playlist_at
             and alone_ns > ALONE_NS
             and t_ns > self._first_due_ns
