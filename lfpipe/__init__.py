@@ -9,6 +9,8 @@ import importlib
 import os
 from typing import TYPE_CHECKING, Any
 
+from lfpipe._version import __version__ as __version__
+
 if TYPE_CHECKING:
     from lfpipe.api.scenes import open_scene, render_anaglyph, render_view
     from lfpipe.api.session import Attachment, Frame, Session, attach, replay
@@ -17,7 +19,6 @@ if TYPE_CHECKING:
     from lfpipe.scene.lightfield import LightField
     from lfpipe.track.head import Head
 
-__version__ = "1.0.0"
 __all__ = [
     "Attachment",
     "Eyes",

@@ -1,4 +1,5 @@
-"""Plug-ins: parts from other packages, by entry points. docs/extending.md describes each.
+"""Plug-ins: parts from other packages and of `extras`, by entry points. docs/extending.md
+describes each.
 
 lfpipe.layouts    a module or object with NAME, detect and describe (`lfpipe.scene.source.Layout`)
 lfpipe.engines    a function of `config.Track` that returns a `lfpipe.track.engine.Engine`; a value
@@ -7,6 +8,12 @@ lfpipe.filters    a function of `config.Track` and device_latency_s that returns
                   `lfpipe.track.filters.base.EyeFilter`; a value of track.filter
 lfpipe.displays   a function of (argument, size_px, title, rate_hz) that returns a
                   `lfpipe.render.display.display.Display`; `--display NAME[:ARGUMENT]`
+lfpipe.sources    a subclass of `lfpipe.capture.spec.SourceKind`; `--camera NAME:...`
+lfpipe.commands   an `AddedCommand` or `AddedOption` of `lfpipe.cli.plugged`; the name says where:
+                  COMMAND, GROUP.COMMAND or COMMAND.--OPTION
+lfpipe.stages     a `lfpipe.supervisor.stage_row.Stage`: a row of the process table
+lfpipe.requests   a module or object with the methods of `lfpipe.supervisor.requests.RequestPlugin`;
+                  the name is that of the control command
 
 Another package's code runs in here only: whatever it raises becomes a PluginError.
 """
@@ -15,31 +22,42 @@ import contextlib
 import functools
 import importlib.metadata
 import logging
+import pkgutil
 from collections.abc import Callable, Collection, Iterator, Mapping
 from types import UnionType
-from typing import Any
+from typing import Any, TypeVar
 
 from lfpipe.errors import UserError
 
-LAYOUTS, ENGINES, FILTERS, DISPLAYS = GROUPS = (
+LAYOUTS, ENGINES, FILTERS, DISPLAYS, SOURCES, COMMANDS, STAGES, REQUESTS = GROUPS = (
     "lfpipe.layouts",
     "lfpipe.engines",
     "lfpipe.filters",
     "lfpipe.displays",
+    "lfpipe.sources",
+    "lfpipe.commands",
+    "lfpipe.stages",
+    "lfpipe.requests",
 )
 log = logging.getLogger(__name__)
 AND = " and "  # between packages that offer a plug-in of one name
 Results = Mapping[str, type | UnionType]
+T = TypeVar("T")
 
 
 @functools.cache
+def entries(group: str) -> importlib.metadata.EntryPoints:
+    """The entry points of a group; the search of all installed packages takes milliseconds."""
+    return importlib.metadata.entry_points(group=group)
+
+
 def plugins(group: str) -> dict[str, str]:
     """The package of each plugin of a group, with its version, by the plugin's name.
 
     Imports none of them.
     """
     offered: dict[str, str] = {}
-    for entry in importlib.metadata.entry_points(group=group):
+    for entry in entries(group):
         dist = entry.dist
         package = f"{dist.name} {dist.version}" if dist and dist.name else "an unknown package"
         first = offered.get(entry.name)
@@ -87,6 +105,9 @@ class Guarded:
         value = getattr(self._part, attribute)
         return functools.partial(self._call, attribute, value) if callable(value) else value
 
+    def __str__(self) -> str:
+        return str(self._part)
+
     def guard(self, part: Any, results: Results) -> Any:
         """`guarded` for a part that this one has made."""
         return guarded(part, self._group, self._name, results)
@@ -109,17 +130,27 @@ def load(group: str, name: str, built_in: Collection[str]) -> Any:
 
     Raises UserError if there is none, PluginError if its package is broken.
     """
-    if name not in plugins(group):
+    offers = entries(group).select(name=name)
+    if not offers:
         raise UserError(
             f"{group}: {name!r} is not installed",
             "install the package that offers it; `lfpipe doctor` lists them",
         )
     if name in built_in:
         raise _broken(group, name, "has the name of a built-in one")
-    if AND in plugins(group)[name]:
+    if len(offers) > 1:
         raise _broken(group, name, "is offered twice")
     with _guarded(group, name, "cannot be loaded"):
-        return importlib.metadata.entry_points(group=group)[name].load()
+        return offers[name].load()
+
+
+def load_target(group: str, name: str, target: str) -> Any:
+    """The object at target, MODULE:NAME, which a plug-in names to be imported late.
+
+    Raises PluginError.
+    """
+    with _guarded(group, name, "cannot be loaded"):
+        return pkgutil.resolve_name(target)
 
 
 def guarded(part: Any, group: str, name: str, results: Results) -> Any:
@@ -143,6 +174,23 @@ def make(group: str, name: str, results: Results, *arguments: Any) -> Any:
     with _guarded(group, name, "cannot be started"):
         part = function(*arguments)
     return guarded(part, group, name, results)
+
+
+def declared(group: str, kind: type[T], built_in: Collection[str] = ()) -> dict[str, T]:
+    """What the plug-ins of a group declare, by name: instances of kind.
+
+    Others are logged and skipped; `lfpipe doctor` reports them.
+    """
+    found = {}
+    for name in dict.fromkeys(entry.name for entry in entries(group)):
+        try:
+            part = load(group, name, built_in)
+            if not isinstance(part, kind):
+                raise _broken(group, name, f"is {type(part).__name__}, not {kind.__name__}")
+            found[name] = part
+        except PluginError as error:
+            log.warning("%s; it is skipped", error.message)
+    return found
 
 
 def loaded(group: str, built_in: Collection[str], results: Results) -> dict[str, Any]:

@@ -78,7 +78,7 @@ def test_log_of_a_session_is_in_its_report(live: World, tmp_path: Path) -> None:
         assert {"versions.json", "doctor.txt", "config.toml"} <= set(names)
         text = report.read(f"{live.name}/{log.FILE}").decode()
         about = json.loads(report.read(f"{live.name}/session.json"))
-    assert "kiosk" not in about["options"]["display"] and about["session"] == live.name
+    assert "lock_code" not in about["options"]["display"] and about["session"] == live.name
     for stage in ("capture", "track", "render"):
         assert f" INFO lfpipe-{stage} lfpipe.transport.context: ready after" in text
         assert f": {stage} starts as process" in text

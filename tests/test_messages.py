@@ -13,10 +13,15 @@ import pytest
 from lfpipe.errors import UserError
 
 Cause = Callable[[Path], object]
+TESTS = Path(__file__).parent
+MODULES = [
+    ".".join(("tests", *path.relative_to(TESTS).with_suffix("").parts))
+    for path in sorted(TESTS.rglob("messages.py"))
+]
 ROWS: dict[str, tuple[Cause, str]] = {
-    f"{path.parent.name}: {name}": row
-    for path in sorted(Path(__file__).parent.glob("*/messages.py"))
-    for name, row in importlib.import_module(f"tests.{path.parent.name}.messages").MESSAGES.items()
+    f"{module}: {name}": row
+    for module in MODULES
+    for name, row in importlib.import_module(module).MESSAGES.items()
 }
 
 

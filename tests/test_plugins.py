@@ -11,7 +11,7 @@ from lfpipe import config
 from lfpipe.config import Scene, Track
 from lfpipe.errors import UserError
 from lfpipe.monitor.doctor import plugin_check
-from lfpipe.plugins import DISPLAYS, ENGINES, LAYOUTS, PluginError, load, loaded, plugins
+from lfpipe.plugins import DISPLAYS, ENGINES, LAYOUTS, PluginError, entries, load, loaded
 from lfpipe.render.display.open_display import parse_display
 from lfpipe.scene import layouts
 from lfpipe.track.filters.table import make_filter
@@ -59,18 +59,18 @@ Install = Callable[..., None]
 def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
     """Installs a package `bad 1.0` with one module and these entry points."""
 
-    def installed(entries: dict[str, str], head: str = "", **bodies: str) -> None:
+    def installed(offered: dict[str, str], head: str = "", **bodies: str) -> None:
         folder = tmp_path / "packages"
-        groups = "".join(f"[{group}]\n{entry}\n" for group, entry in entries.items())
+        groups = "".join(f"[{group}]\n{entry}\n" for group, entry in offered.items())
         write_package(folder, groups, "bad")
         usual = {"detect": "return 99", "describe": "return 1", "engine": "return 1"}
         (folder / "bad_parts.py").write_text(head + MODULE.format(**usual | bodies))
         monkeypatch.syspath_prepend(folder)
         monkeypatch.delitem(__import__("sys").modules, "bad_parts", raising=False)
-        plugins.cache_clear()
+        entries.cache_clear()
 
     yield installed
-    plugins.cache_clear()
+    entries.cache_clear()
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_plugin_name_that_two_packages_offer_is_refused(
     entry_points = f"[{ENGINES}]\nbad = bad_parts:Engine\n"
     write_package(tmp_path / "more", entry_points, "other", "2.0")
     monkeypatch.syspath_prepend(tmp_path / "more")
-    plugins.cache_clear()
+    entries.cache_clear()
     with pytest.raises(PluginError, match="is offered twice") as caught:
         make_engine(Track(engine="bad"))  # type: ignore[arg-type]
     assert "bad 1.0" in caught.value.message and "other 2.0" in caught.value.message
@@ -133,8 +133,8 @@ def test_plugin_layout_with_the_name_of_a_built_in_one_is_refused(install: Insta
 
 
 def test_plugin_engine_or_filter_that_fails_is_named(install: Install) -> None:
-    entries = {ENGINES: "bad = bad_parts:Engine\nworse = bad_parts:raising"}
-    install(entries | {"lfpipe.filters": "bad = bad_parts:raising"})
+    engines = {ENGINES: "bad = bad_parts:Engine\nworse = bad_parts:raising"}
+    install(engines | {"lfpipe.filters": "bad = bad_parts:raising"})
     track = Track(engine="bad")  # type: ignore[arg-type]
     with pytest.raises(UserError, match=r"bad of bad 1\.0 .* returns int from detect"):
         make_engine(track).detect(np.zeros((4, 4, 3), np.uint8))

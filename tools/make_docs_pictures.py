@@ -39,7 +39,7 @@ from lfpipe.monitor.session_reader import Follower
 from lfpipe.render.ui.scenes import THUMBNAILS
 from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import NAMES, demo_scene
-from tests.extras.web.browser import Browser, missing
+from tests.support.browser import Browser, missing
 from tests.support.world import World, private_world
 from tests.support.xvfb_screen import Screen, x_server
 

@@ -42,7 +42,7 @@ def open_scene(
     uint16 or float 0 .. 1. Row 0 is the top row of cameras, column 0 the left one. Only with an
     array: disparity, (rows, cols, height, width), px per view, nearer is larger, used where it
     matches the views better than flow; positions, (rows, cols, 2), (down, right) of each camera.
-    invert_depth: depth is inverted; None: detect it.
+    invert_depth: invert the depth; None: detect it.
 
     The first call packs it into the cache, which may take a minute; later calls return at once.
     settings: as for `--set`, for example {"scene.layout": "hci"}. Raises lfpipe.UserError.
@@ -109,7 +109,7 @@ def scene_path(
                 np.save(file, arrays["views"])
     except OSError as error:
         raise UserError(
-            f"{path}: {error.strerror}", "make room, or name another folder: scene.cache_dir"
+            f"{path}: {error.strerror}", "free some space, or name another folder: scene.cache_dir"
         ) from None
     return path
 

@@ -8,7 +8,6 @@ import os
 import re
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -21,8 +20,10 @@ from numpy.typing import ArrayLike, NDArray
 from lfpipe.api.scenes import ScenePath, scene_path
 from lfpipe.api.tracker import Eyes
 from lfpipe.config import Config, Snapshot, converter, updated
-from lfpipe.errors import UserError
+from lfpipe.errors import ERROR_FILE, UserError
 from lfpipe.files.safe_files import temporary_folder
+from lfpipe.host.child import NULL, Child, python
+from lfpipe.host.files import exists
 from lfpipe.monitor.session_reader import Watch
 from lfpipe.render.display.open_display import has_display
 from lfpipe.scene.lightfield import LightField
@@ -32,30 +33,21 @@ from lfpipe.transport import control
 from lfpipe.transport.ring import Reader, Stamp
 from lfpipe.transport.status import State
 
+CHECK = "check this machine with `lfpipe doctor`"
 LOOK_S = 0.001  # between two polls of a ring
 STOPPED = (0, -15, 143)  # exit codes of a session that did not fail
 START_S = 600.0  # a scene may be packed first
 STOP_S, LOAD_S = 30.0, 900.0  # a recording is completed at the end; a large scene is packed first
-# Ends with the program that started it: the program holds the other end of this pipe.
-COMMAND = """
-import os, runpy, signal, sys, threading
-def watch():
-    os.read(0, 1); os.kill(os.getpid(), signal.SIGTERM)
-threading.Thread(target=watch, daemon=True).start(); sys.argv[0] = 'lfpipe'
-runpy.run_module('lfpipe', run_name='__main__')
-"""
 
 
 @attrs.frozen(eq=False)
 class Frame:
-    """A camera frame.
-
-    picture: uint8 (height, width, 3) BGR, a copy. stamp: source_seq, t_sensor_ns, t_read_ns,
-    skipped, ...
-    """
+    """A camera frame."""
 
     picture: NDArray[np.uint8]
+    """uint8 (height, width, 3) BGR, a copy."""
     stamp: Stamp
+    """source_seq, t_sensor_ns, t_read_ns, skipped, ..."""
 
 
 class Attachment:
@@ -78,7 +70,7 @@ class Attachment:
     def _require_session(self) -> None:
         """Raises UserError once the session has ended, or this object was closed."""
         if self._closed:
-            raise UserError(f"session {self.name!r} was closed here", "attach to it again")
+            raise UserError(f"session {self.name!r} was closed here", "attach again")
         if not self._watch.living():
             raise UserError(f"session {self.name!r} has ended{self._end()}", "start another one")
 
@@ -181,7 +173,7 @@ class Attachment:
         self.wait(STOP_S)
 
     def close(self) -> None:
-        """Detaches; the session goes on. May be called again."""
+        """Detaches; the session continues. May be called again."""
         if self._closed:
             return
         self._closed = True
@@ -234,16 +226,17 @@ class Session(Attachment):
             display=display,
             trace=trace,
         )
-        self._errors = tempfile.TemporaryFile()  # noqa: SIM115  (open as long as the session)
-        self._output = ""  # by the session, once it has ended
+        self._cleanup = contextlib.ExitStack()
+        folder = self._cleanup.enter_context(temporary_folder("session"))
+        self._error_file = folder / "error.json"
+        self._error = UserError("the session ended at once", CHECK)  # if it leaves none
         self._closed = True  # nothing is open yet
-        command = [sys.executable, "-P", "-c", COMMAND, *words]
-        self._process = subprocess.Popen(
-            command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            stderr=self._errors,
-            start_new_session=True,
+        self._process = Child(
+            python("lfpipe.host.child", "lfpipe", *words),
+            stdout=NULL,
+            stderr=NULL,
+            env={**os.environ, ERROR_FILE: str(self._error_file)},
+            own_session=True,
         )
         try:
             self._wait_for_start(name)
@@ -254,7 +247,7 @@ class Session(Attachment):
     def _wait_for_start(self, name: str) -> None:
         end = time.monotonic() + START_S
         while time.monotonic() < end:
-            if self._process.poll() is not None:
+            if self._process.exit_code is not None:
                 raise self._failure()
             with contextlib.suppress(UserError, FileNotFoundError):
                 super().__init__(name)
@@ -270,12 +263,10 @@ class Session(Attachment):
         )
 
     def _failure(self) -> UserError:
-        if not self._errors.closed:
-            self._errors.seek(0)
-            self._output = self._errors.read().decode(errors="replace")
-            self._errors.close()
-        error = _printed(self._output, "the session ended at once")
-        return UserError(_by_parameter(error.message), _by_parameter(error.remedy))
+        if exists(self._error_file):
+            self._error = UserError.from_json(self._error_file.read_bytes()) or self._error
+        self._cleanup.close()
+        return UserError(_by_parameter(self._error.message), _by_parameter(self._error.remedy))
 
     def _end(self) -> str:
         if self._process.wait(STOP_S) in STOPPED:
@@ -287,9 +278,8 @@ class Session(Attachment):
 
         Raises lfpipe.UserError if it failed.
         """
-        try:
-            code = self._process.wait(timeout_s)
-        except subprocess.TimeoutExpired:
+        code = self._process.wait(timeout_s)
+        if code is None:
             return False
         if code not in STOPPED:
             raise self._failure()
@@ -297,14 +287,10 @@ class Session(Attachment):
 
     def stop(self) -> None:
         """Ends the session, and returns when it has left nothing behind. May be called again."""
-        assert self._process.stdin is not None
-        self._process.stdin.close()
-        try:
-            self._process.wait(STOP_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        self._failure()  # keeps what the session printed, and closes the file
+        self._process.end()
+        self._process.wait(STOP_S)
+        self._process.close()
+        self._failure()  # keeps the error, and removes the file
 
     def __exit__(self, *_: object) -> None:
         self.stop()
@@ -331,19 +317,21 @@ def replay(
     """
     path = scene_path(scene, updated(Config(), settings or {}).scene)
     with temporary_folder("replay") as folder:
+        error_file = folder / "error.json"
         kept = Path(out) if out is not None else folder
         words = _command_line(
             "replay", str(sequence), settings or {}, pace=pace, out=kept, scene=path
         )
         done = subprocess.run(
             [sys.executable, "-m", "lfpipe", *words],
-            capture_output=True,
-            text=True,
-            errors="replace",
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, ERROR_FILE: str(error_file)},
             check=False,
         )
         if done.returncode != 0:
-            raise _printed(done.stderr, "it was killed")
+            error = UserError.from_json(error_file.read_bytes()) if exists(error_file) else None
+            raise error or UserError("the replay was killed", CHECK)
         report: dict[str, Any] = json.loads((kept / "report.json").read_text())
         return report
 
@@ -354,22 +342,14 @@ def _command_line(
     settings: Mapping[str, Any],
     **options: str | os.PathLike[str] | None,
 ) -> list[str]:
-    """The words of a command about `what`, without the options that are None."""
+    """The arguments of a command about `what`, without the options that are None."""
     given = {name: os.fspath(value) for name, value in options.items() if value is not None}
     sets = (f"--set={key}={json.dumps(value)}" for key, value in settings.items())
     return [command, what, *(f"--{name}={value}" for name, value in given.items()), *sets]
 
 
 def _by_parameter(text: str) -> str:
-    """A command's words about its options, as those of the parameters of `Session`."""
+    """A command's message about its options, as one about the parameters of `Session`."""
     text = re.sub(r"--(camera|display|trace) '?([^\s,;']*[^\s,;':])'?", r"\1='\2'", text)
     text = re.sub(r"--(camera|display|trace)\b", r"\1", text)
     return re.sub(r"--session( name)?\b", "name", text)
-
-
-def _printed(text: str, otherwise: str) -> UserError:
-    """The error that a command printed last."""
-    message, _, remedy = (
-        text[text.rfind("error: ") :].removeprefix("error: ").strip().partition("\n  remedy: ")
-    )
-    return UserError(message or otherwise, remedy or "check this machine with `lfpipe doctor`")

@@ -19,18 +19,21 @@ from lfpipe.track.head import Head, HeadEstimator
 
 @attrs.frozen(eq=False, kw_only=True)
 class Eyes:
-    """A viewer's eyes in one frame. t_ns: its time. raw_px, filtered_px: (2, 2), [[left x, y],
-    [right x, y]] of the viewer's own eyes in px of the unmirrored picture, as measured and
-    smoothed. velocity_px_s: (2, 2). head: in mm before the screen, see `lfpipe.track.head`; None if
-    the distance between the eyes cannot be a face's.
+    """A viewer's eyes in one frame. Positions are [[left x, y], [right x, y]] of the viewer's own
+    eyes, in px of the unmirrored picture.
     """
 
     t_ns: int
+    """Time of the frame."""
     raw_px: NDArray[np.float64]
+    """(2, 2), as measured."""
     filtered_px: NDArray[np.float64]
+    """(2, 2), smoothed."""
     velocity_px_s: NDArray[np.float64]
+    """(2, 2)."""
     confidence: float
     head: Head | None
+    """In mm before the screen, see `lfpipe.track.head`; None for an impossible eye distance."""
 
     @classmethod
     def of(cls, record: NDArray[np.void], t_ns: int, head: Head | None) -> Eyes | None:

@@ -192,8 +192,7 @@ class CameraFinder:
     model that was there all the time never takes over.
     """
 
-    def __init__(self, spec: CameraSpec | None) -> None:
-        """spec: None for the first camera that is there when it is needed."""
+    def __init__(self, spec: CameraSpec) -> None:
         self._spec = spec
         self._known: CameraDevice | None = None
         self._twins: set[str] = set()  # places of other cameras of that name
@@ -206,7 +205,7 @@ class CameraFinder:
         """
         known = self._known
         if known is None:
-            spec = self._spec or first_camera()
+            spec = self._spec if self._spec != CameraSpec() else first_camera()
             first = by_name(spec.name, nodes()) if spec.name else describe(spec.path)
             if first.place:  # else there is nothing to recognise it by
                 self._known = first

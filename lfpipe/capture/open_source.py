@@ -1,30 +1,19 @@
 """Opens a source by its name; imports the decoders of its kind only."""
 
-from importlib import import_module
-from typing import Any
-
 import attrs
 import cv2
 import numpy as np
 
 from lfpipe import config
-from lfpipe.capture.camera_list import CameraFinder, describe, first_camera, with_time_limit
+from lfpipe.capture.camera_list import first_camera, with_time_limit
 from lfpipe.capture.frame_source import FrameSource, SourceInfo, orient, undecodable
-from lfpipe.capture.spec import CameraSpec, DemoSpec, FileSpec, Spec, parse_source
-from lfpipe.config.modes import CameraViewer, Clock, Live, Lossless, RecordedEyes
-from lfpipe.errors import UserError
-from lfpipe.host import PORTABLE
+from lfpipe.capture.spec import CameraSpec, SourceKind, parse_source
+from lfpipe.config.modes import CameraViewer, Clock, RecordedEyes
+from lfpipe.errors import UserError, redacted
 from lfpipe.host.processes import usable_cores
 
-CAMERA_S, FILE_S = 15.0, 60.0  # longest time a source may take to open
 
-
-def _driver() -> Any:
-    """The module of this system that has `open_camera` and `check_camera`."""
-    return import_module(f"lfpipe.capture.{'opencv_camera' if PORTABLE else 'camera'}")
-
-
-def resolve(text: str) -> Spec:
+def resolve(text: str) -> SourceKind:
     """Parses text; an empty one stands for the first camera.
 
     Raises UserError if text names no source, NoCamera if there is no camera at all.
@@ -38,10 +27,7 @@ def camera_name(text: str) -> str:
 
     Raises UserError as `resolve` does.
     """
-    spec = resolve(text)
-    if isinstance(spec, CameraSpec):
-        return spec.name or describe(spec.path).name or str(spec.path)
-    return f"file:{spec.path.absolute()}" if isinstance(spec, FileSpec) else "demo"
+    return resolve(text).name_in_measurements(text)
 
 
 def camera_settings(settings: config.Config) -> config.Camera:
@@ -54,37 +40,24 @@ def camera_settings(settings: config.Config) -> config.Camera:
 
 
 def open_source(text: str, camera: config.Camera, reconnect: bool = False) -> FrameSource:
-    """Opens the source that text names, in one of the forms of `spec.FORMS`, or the first camera
-    for an empty text.
+    """Opens the source that text names, in one of `spec.forms`, or the first camera for an empty
+    text.
 
     camera.rotate and camera.mirror apply to cameras and videos; sequences were recorded upright.
-    reconnect: retry a device that cannot be opened or is lost later, see `ReconnectingCamera`.
+    reconnect: retry a live source that cannot be opened or is lost later, see `ReconnectingCamera`.
     Raises UserError with the reason if it cannot be opened.
     """
-    waits = reconnect and not text
-    spec = None if waits else resolve(text)
-    if isinstance(spec, FileSpec):
-        from lfpipe.capture.recordings import FileSource
-        from lfpipe.sequence.folder import is_sequence
+    spec = CameraSpec() if reconnect and not text else resolve(text)
+    if reconnect and spec.live:
+        from lfpipe.capture.reconnecting_camera import ReconnectingCamera
 
-        source = FileSource(spec, camera)
-        return source if is_sequence(spec.path) else orient(source, camera)
-    if isinstance(spec, DemoSpec):
-        from lfpipe.capture.demo import DemoSource
-
-        return DemoSource(camera)
-    driver = _driver()
-    finder = CameraFinder(spec)
-    if not reconnect:
-        return orient(driver.open_camera(finder.path(), camera), camera)
-    from lfpipe.capture.reconnecting_camera import ReconnectingCamera
-
-    info = SourceInfo(
-        str(spec or "camera"), (camera.width_px, camera.height_px), camera.nominal_hz, live=True
-    )
-    return orient(
-        ReconnectingCamera(info, lambda: driver.open_camera(finder.path(), camera)), camera
-    )
+        info = SourceInfo(
+            redacted(str(spec)), (camera.width_px, camera.height_px), camera.nominal_hz, live=True
+        )
+        source: FrameSource = ReconnectingCamera(info, spec.opener(camera))
+    else:
+        source = spec.open(camera)
+    return source if spec.upright else orient(source, camera)
 
 
 def _tried(text: str, camera: config.Camera) -> SourceInfo:
@@ -92,14 +65,12 @@ def _tried(text: str, camera: config.Camera) -> SourceInfo:
 
     A camera is configured, but not started.
     """
-    spec = parse_source(text)
-    if isinstance(spec, CameraSpec):
-        info: SourceInfo = _driver().check_camera(CameraFinder(spec).path(), camera)
+    if (info := parse_source(text).probe(camera)) is not None:
         return attrs.evolve(info, jpeg=info.jpeg and not (camera.rotate or camera.mirror))
     try:
         source = open_source(text, camera)
     except (MemoryError, cv2.error) as error:
-        raise undecodable(text, error) from None
+        raise undecodable(redacted(text), error) from None
     try:
         width_px, height_px = camera.frame_px
         source.read(np.empty((height_px, width_px, 3), np.uint8))
@@ -112,28 +83,21 @@ def clock_of(text: str) -> Clock:
     """The clock of a session on a source: a file may ask for none. Raises UserError as
     `resolve` does.
     """
-    spec = resolve(text)
-    return Lossless() if isinstance(spec, FileSpec) and spec.pace == "max" else Live()
+    return resolve(text).clock
 
 
 def check_source(text: str, camera: config.Camera) -> CameraViewer | RecordedEyes:
     """Opens the source, decodes its first frame and closes it: returns the viewer in it, with its
     definite name (a path for the first camera).
 
-    Raises UserError as `open_source` does, and after CAMERA_S or FILE_S.
+    Raises UserError as `open_source` does, and after its time limit.
     """
     spec = resolve(text)
-    is_camera = isinstance(spec, CameraSpec)
-    definite = str(spec) if is_camera else text
+    definite = spec.definite(text)
     try:
-        info = with_time_limit(CAMERA_S if is_camera else FILE_S, lambda: _tried(definite, camera))
+        info = with_time_limit(spec.time_limit_s, lambda: _tried(definite, camera))
     except TimeoutError as error:
-        remedy = (
-            "unplug the camera and plug it in again"
-            if is_camera
-            else "check its disk or network drive"
-        )
-        raise UserError(f"{definite}: {error.strerror}", remedy) from None
+        raise UserError(f"{redacted(definite)}: {error.strerror}", spec.remedy) from None
     if info.eyes:
         return RecordedEyes(source=definite, rate_hz=info.rate_hz, folder=info.eyes)
     jpeg_px = info.size_px if info.jpeg else None

@@ -1,105 +1,266 @@
-"""Parses names of frame sources: `camera:N`, `camera:/dev/videoN`, `camera:NAME`,
-`file:PATH[?...]`, `demo`.
+"""Names of frame sources, and the table of their kinds.
+
+    camera:N  camera:/dev/videoN  camera:NAME  file:PATH[?loop=0|1&pace=recorded|max|HZ]  demo
+
+Another kind is a subclass of `SourceKind`: an entry point of the group `lfpipe.sources`, named as
+its prefix, or a line in KINDS. What opens a source is imported when it is opened.
 """
 
+import abc
+from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
-from typing import Literal, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, cast
 
 import attrs
 
-from lfpipe.errors import UserError
+from lfpipe import config
+from lfpipe.config.modes import Clock, Live, Lossless
+from lfpipe.errors import UserError, redacted
 from lfpipe.files.untrusted import finite
+from lfpipe.host import PORTABLE
+from lfpipe.plugins import SOURCES, guarded, load, plugins
 
-FORMS = (
-    "camera:N, camera:/dev/videoN, camera:NAME, file:PATH, file:PATH?loop=0|1&pace=recorded|max|HZ,"
-    " or demo"
-)
+if TYPE_CHECKING:
+    from lfpipe.capture.frame_source import FrameSource, SourceInfo
+
 # below, it looks like a still picture; above, no camera or disk delivers it
 MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 10_000.0
 PARAMETERS = f"loop=0|1 and pace=recorded|max|HZ, HZ from {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}"
 
 
+class SourceKind(abc.ABC):
+    """A source that is named and not open. Attributes and methods with a body suit most kinds."""
+
+    form: ClassVar[str]
+    """How its names look, for messages."""
+    live: ClassVar[bool] = False
+    """Whether it is a device or a stream: it may come later, go, and come back."""
+    time_limit_s: ClassVar[float] = 60.0
+    """Longest time to open it and to read its first frame."""
+    remedy: ClassVar[str] = "check its disk or network drive"
+    """What helps if that takes longer."""
+
+    @classmethod
+    @abc.abstractmethod
+    def parse(cls, rest: str) -> Self | None:
+        """The source whose name ends with rest, after the prefix and the colon; None if there is
+        none. Touches no file. Raises UserError that names the wrong part.
+        """
+
+    @abc.abstractmethod
+    def open(self, camera: config.Camera) -> "FrameSource":
+        """Opens it. Raises UserError."""
+
+    def opener(self, camera: config.Camera) -> Callable[[], "FrameSource"]:
+        """Opens it again and again, after the first time perhaps at another place."""
+        return lambda: self.open(camera)
+
+    def probe(self, camera: config.Camera) -> "SourceInfo | None":
+        """What is known without reading a frame; None if only its first frame can say."""
+        return None
+
+    def definite(self, text: str) -> str:
+        """Its name for later. text: the one that it was parsed from."""
+        return text
+
+    def name_in_measurements(self, text: str) -> str:
+        """The name of what was measured with it; the same wherever it is plugged in."""
+        return redacted(text)
+
+    def once(self, text: str) -> str:
+        """Its name if it is to end by itself."""
+        return text
+
+    @property
+    def clock(self) -> Clock:
+        """The clock of a session with it."""
+        return Live()
+
+    @property
+    def file(self) -> Path | None:
+        """What it reads, which no output may replace."""
+        return None
+
+    @property
+    def upright(self) -> bool:
+        """Whether camera.rotate and camera.mirror do not apply."""
+        return False
+
+
 @attrs.frozen
-class CameraSpec:
+class CameraSpec(SourceKind):
     """A camera by its device file, or by its name as `lfpipe cameras` prints it; path is then
-    empty.
+    empty. Both empty: the first camera that is there when it is needed.
     """
 
-    path: Path
+    path: Path = Path()
     name: str = ""
 
+    form = "camera:N, camera:/dev/videoN, camera:NAME"
+    live = True
+    time_limit_s = 15.0
+    remedy = "unplug the camera and plug it in again"
+
     def __str__(self) -> str:
-        return f"camera:{self.name or self.path}"
+        return f"camera:{self.name or self.path}" if self != CameraSpec() else "camera"
+
+    @classmethod
+    def parse(cls, rest: str) -> Self | None:
+        if rest.isascii() and rest.isdigit():
+            return cls(Path(f"/dev/video{int(rest)}"))
+        if rest.startswith("/"):
+            return cls(Path(rest))
+        return cls(Path(), rest.strip()) if rest.strip() else None
+
+    def open(self, camera: config.Camera) -> "FrameSource":
+        return self.opener(camera)()
+
+    def opener(self, camera: config.Camera) -> Callable[[], "FrameSource"]:
+        from lfpipe.capture.camera_list import CameraFinder
+
+        finder = CameraFinder(self)
+        return lambda: cast("FrameSource", _driver().open_camera(finder.path(), camera))
+
+    def probe(self, camera: config.Camera) -> "SourceInfo | None":
+        from lfpipe.capture.camera_list import CameraFinder
+
+        info: SourceInfo = _driver().check_camera(CameraFinder(self).path(), camera)
+        return info
+
+    def definite(self, text: str) -> str:
+        return str(self)
+
+    def name_in_measurements(self, text: str) -> str:
+        from lfpipe.capture.camera_list import describe
+
+        return self.name or describe(self.path).name or str(self.path)
+
+
+def _driver() -> Any:
+    """The module of this system that has `open_camera` and `check_camera`."""
+    return import_module(f"lfpipe.capture.{'opencv_camera' if PORTABLE else 'camera'}")
 
 
 @attrs.frozen
-class FileSpec:
-    """A video, a picture or a folder of pictures. pace: recorded times, as fast as it decodes, or a
-    rate in Hz. names_loop: loop was given.
-    """
+class FileSpec(SourceKind):
+    """A video, a picture or a folder of pictures."""
 
     path: Path
     loop: bool = True
     pace: float | Literal["recorded", "max"] = "recorded"
+    """Recorded times, as fast as it decodes, or a rate in Hz."""
     names_loop: bool = attrs.field(default=False, eq=False)
+    """Whether loop was given."""
+
+    form = "file:PATH, file:PATH?loop=0|1&pace=recorded|max|HZ"
+
+    @classmethod
+    def parse(cls, rest: str) -> Self:
+        path, _, query = rest.rpartition("?") if "?" in rest else (rest, "", "")
+        if not path:
+            raise UserError("file: has no path", "use for example file:walk.mp4")
+        parameters = dict(item.partition("=")[::2] for item in query.split("&") if item)
+        loop = parameters.pop("loop", "")
+        pace = parameters.pop("pace", "recorded")
+        hz = finite(pace, MIN_RATE_HZ, MAX_RATE_HZ)
+        if (
+            parameters
+            or loop not in ("", "0", "1")
+            or (pace not in ("recorded", "max") and hz is None)
+        ):
+            raise UserError(
+                f"{query!r} in {'file:' + rest!r} is not understood",
+                f"use {PARAMETERS}; if the path of the file contains a '?', append another '?'",
+            )
+        return cls(
+            Path(path).expanduser(),
+            loop != "0",
+            hz or cast(Literal["recorded", "max"], pace),
+            bool(loop),
+        )
+
+    def open(self, camera: config.Camera) -> "FrameSource":
+        from lfpipe.capture.recordings import FileSource
+
+        return FileSource(self, camera)
+
+    def name_in_measurements(self, text: str) -> str:
+        return f"file:{self.path.absolute()}"
+
+    def once(self, text: str) -> str:
+        return text if self.names_loop else f"{text}{'&' if '?' in text else '?'}loop=0"
+
+    @property
+    def clock(self) -> Clock:
+        return Lossless() if self.pace == "max" else Live()
+
+    @property
+    def file(self) -> Path | None:
+        return self.path
+
+    @property
+    def upright(self) -> bool:
+        """Whether it is a sequence: those were recorded upright."""
+        from lfpipe.sequence.folder import is_sequence
+
+        return is_sequence(self.path)
 
 
 @attrs.frozen
-class DemoSpec:
+class DemoSpec(SourceKind):
     """The moving portrait."""
 
+    form = "demo"
+    upright = True
 
-Spec = CameraSpec | FileSpec | DemoSpec
+    @classmethod
+    def parse(cls, rest: str) -> Self | None:
+        return None if rest else cls()
+
+    def open(self, camera: config.Camera) -> "FrameSource":
+        from lfpipe.capture.demo import DemoSource
+
+        return DemoSource(camera)
 
 
-def _file(text: str) -> FileSpec:
-    path, _, query = text.rpartition("?") if "?" in text else (text, "", "")
-    if not path:
-        raise UserError("file: has no path", "use for example file:walk.mp4")
-    parameters = dict(item.partition("=")[::2] for item in query.split("&") if item)
-    loop = parameters.pop("loop", "")
-    pace = parameters.pop("pace", "recorded")
-    hz = finite(pace, MIN_RATE_HZ, MAX_RATE_HZ)
-    if parameters or loop not in ("", "0", "1") or (pace not in ("recorded", "max") and hz is None):
-        remedy = f"use {PARAMETERS}; if the path of the file contains a '?', append another '?'"
-        raise UserError(f"{query!r} in {'file:' + text!r} is not understood", remedy)
-    return FileSpec(
-        Path(path).expanduser(),
-        loop != "0",
-        hz or cast(Literal["recorded", "max"], pace),
-        bool(loop),
-    )
+KINDS: dict[str, type[SourceKind]] = {"camera": CameraSpec, "file": FileSpec, "demo": DemoSpec}
+
+
+def forms() -> str:
+    """How names of sources look, for messages."""
+    more = (f"{name}:..." for name in plugins(SOURCES))
+    *most, last = (*(kind.form for kind in KINDS.values()), *more)
+    return f"{', '.join(most)}, or {last}"
+
+
+def parse_source(text: str) -> SourceKind:
+    """Parses text, without touching any file. Raises UserError that names the wrong part."""
+    prefix, _, rest = text.partition(":")
+    source: SourceKind | None = None
+    if prefix in KINDS:
+        source = KINDS[prefix].parse(rest)
+    elif prefix in plugins(SOURCES):
+        kind = guarded(load(SOURCES, prefix, KINDS), SOURCES, prefix, {"parse": SourceKind | None})
+        source = kind.parse(rest)
+        source = source and kind.guard(source, {})
+    if source is None:
+        remedy = f"use camera:{text}" if text.isdecimal() else f"use one of {forms()}"
+        raise UserError(f"{text!r}: not a frame source", remedy)
+    return source
 
 
 def playing_once(text: str) -> str:
-    """text with loop=0 if it names a file and its parameters do not name loop.
+    """The name of the source that ends by itself, unless text says that it loops.
 
     Raises UserError as `parse_source` does.
     """
-    spec = parse_source(text)
-    once = isinstance(spec, FileSpec) and not spec.names_loop
-    return f"{text}{'&' if '?' in text else '?'}loop=0" if once else text
+    return parse_source(text).once(text)
 
 
 def source_file(text: str) -> Path | None:
     """The file or folder that a source reads; None if it reads none, or is not a source."""
     try:
-        spec = parse_source(text)
+        return parse_source(text).file
     except UserError:
         return None
-    return spec.path if isinstance(spec, FileSpec) else None
-
-
-def parse_source(text: str) -> Spec:
-    """Parses text, without touching any file. Raises UserError that names the wrong part."""
-    scheme, colon, rest = text.partition(":")
-    if text == "demo":
-        return DemoSpec()
-    if scheme == "file" and colon:
-        return _file(rest)
-    if scheme != "camera" or not rest.strip():
-        remedy = f"use camera:{text}" if text.isdecimal() else f"use one of {FORMS}"
-        raise UserError(f"{text!r}: not a frame source", remedy)
-    if rest.isascii() and rest.isdigit():
-        return CameraSpec(Path(f"/dev/video{int(rest)}"))
-    return CameraSpec(Path(rest)) if rest.startswith("/") else CameraSpec(Path(), rest.strip())

@@ -56,7 +56,7 @@ class _LightWatch:
                 f"{info.name} delivers {hz:.3g} instead of {info.rate_hz:.3g} Hz, probably because"
                 " of too little light"
             )
-            self._context.emit("notice", text=text)
+            self._context.notify(text)
 
 
 class CaptureStage:
@@ -126,7 +126,7 @@ class CaptureStage:
             context.row["state"] = State.READY
             self._lost_ns = now_ns()
             context.emit("camera", name=name, lost=True, why=str(lost))
-            context.emit("notice", text=f"{lost}; camera lost, trying again")
+            context.notify(f"{lost}; camera lost, trying again")
         except TimeoutError:
             pass
         except BrokenFrame as error:
@@ -134,7 +134,7 @@ class CaptureStage:
             context.row["drops"] += 1
             if self._broken.bit_count() == 1:  # the 1st, 2nd, 4th, ...: a file may be full of them
                 so_far = f" ({self._broken} so far)" if self._broken > 1 else ""
-                context.emit("notice", text=error.message + so_far)
+                context.notify(error.message + so_far)
         return frame
 
     def _publish(self, frame: Frame, busy_ns: int) -> None:
@@ -162,8 +162,8 @@ class CaptureStage:
         )
         frames.publish(frame.source_seq, t_sensor_ns, t_read_ns, kind=frame.stamp)
         t_ns = now_ns()
-        context.row.tick(frame.source_seq)
-        context.row.measure(t_read_ns - t_sensor_ns, busy_ns, t_ns - t_sensor_ns)
+        context.row.count_output(frame.source_seq)
+        context.row.record_latency(t_read_ns - t_sensor_ns, busy_ns, t_ns - t_sensor_ns)
         context.row["cpu_ns"] = time.process_time_ns()
 
     def _note_gap(self) -> None:
@@ -175,7 +175,7 @@ class CaptureStage:
             away_s = (now_ns() - self._lost_ns) / 1e9
             name = self._source.info.name
             self._context.emit("camera", name=name, lost=False, away_s=away_s)
-            self._context.emit("notice", text=f"{name} is back after {away_s:.1f} s")
+            self._context.notify(f"{name} is back after {away_s:.1f} s")
             self._report_source()
         if self._lost_ns or self._sleeps.woke():
             self._lost_ns = 0

@@ -1,6 +1,6 @@
 """The command line.
 
-Each command is a few lines that call a room below; rooms are imported when a command runs.
+Each command is a few lines that call a package below; packages are imported when a command runs.
 """
 
 import codecs
@@ -11,18 +11,19 @@ import io
 import logging
 import os
 import sys
+from collections.abc import Callable
 from typing import NoReturn
 
 import click
 
-from lfpipe import __version__
-from lfpipe.cli.terminal import say
+from lfpipe._version import __version__
+from lfpipe.cli.plugged import AddedCommand, ExtensibleGroup, added
+from lfpipe.cli.terminal import print_error, say
 from lfpipe.errors import UserError
 from lfpipe.host.terminal import protect_output
 from lfpipe.log import set_up
 
 log = logging.getLogger(__name__)
-FROM_MENU = "LFPIPE_FROM_MENU"  # the desktop's entries set it in the environment
 
 
 # in order of use: the module that has the command,
@@ -36,27 +37,25 @@ COMMANDS = {
     "calibrate": ("lfpipe.cli.calibrate", "Measure the camera's focal length and store it."),
     "doctor": ("lfpipe.cli.machine", "Check this machine."),
     "models": ("lfpipe.cli.machine", "Fetch the face networks if mediapipe has no wheel here."),
-    "kiosk": ("lfpipe.extras.exhibition.kiosk", "Run an exhibition that starts with the desktop."),
-    "desktop": ("lfpipe.extras.exhibition.desktop", "Add lfpipe to the desktop's menu."),
     "config": ("lfpipe.cli.machine", "Write, show and check the configuration."),
     "trace": ("lfpipe.cli.sessions", "Record timelines of a running session for Perfetto."),
     "record": ("lfpipe.cli.sequence", "Record a camera to a new folder."),
     "replay": ("lfpipe.cli.replay", "Run a recorded sequence; compare with a reference."),
     "sequence": ("lfpipe.cli.sequence", "Inspect, cut, import and export recordings."),
     "bench": ("lfpipe.cli.bench", "Measure error against run time."),
-    "sweep": (
-        "lfpipe.extras.sweep.command",
-        "Run replays, quality and benchmarks over a whole corpus.",
-    ),
     "completion": ("lfpipe.cli.options", "Print the completion script of a shell."),
 }
 
 
-class Commands(click.Group):
-    """The commands of COMMANDS.
+class Commands(ExtensibleGroup):
+    """The commands of COMMANDS, and those of other packages.
 
     Each module is imported when its command runs; an unknown command gets the closest one named.
     """
+
+    @property
+    def place(self) -> str:
+        return ""
 
     def invoke(self, ctx: click.Context) -> object:
         try:
@@ -65,17 +64,23 @@ class Commands(click.Group):
             _reader_ended()
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(COMMANDS)
+        return [name for name, _ in self._summaries()]
 
-    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+    def own_command(self, ctx: click.Context, name: str) -> click.Command | None:
         if name not in COMMANDS:
             return None
         command: click.Command = getattr(importlib.import_module(COMMANDS[name][0]), name)
         return command
 
+    def _summaries(self) -> list[tuple[str, str]]:
+        """Each command with its line."""
+        own = {name: summary for name, (_, summary) in COMMANDS.items()}
+        more = {name: one.summary for name, one in added(self.place, AddedCommand).items()}
+        return list((own | more | own).items())  # a built-in one keeps its place and its line
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
-            formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
+            formatter.write_dl(self._summaries())
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -85,7 +90,7 @@ class Commands(click.Group):
         except click.UsageError as error:
             from lfpipe.config.check import closest
 
-            close = closest(args[0], COMMANDS, 0.5)
+            close = closest(args[0], self.list_commands(ctx), 0.5)
             raise click.UsageError(
                 f"{error.message} Did you mean {close!r}?" if close else error.message, ctx
             ) from None
@@ -159,20 +164,18 @@ def _reader_ended() -> NoReturn:
     sys.exit(141)
 
 
-def _fail(error: UserError) -> NoReturn:
-    log.debug("the command failed", exc_info=True)
-    _drop_output()
-    text = f"error: {error}"
-    say(text)
-    if os.environ.get(FROM_MENU):  # there is no terminal
-        from lfpipe.extras.exhibition.desktop import show_error
+def run(notify: Callable[[UserError], None] = print_error) -> None:
+    """Runs the command line. A user's mistake prints one message and ends with exit code 2.
 
-        show_error(text)
-    sys.exit(2)
+    notify: shows an error.
+    """
 
+    def fail(error: UserError) -> NoReturn:
+        log.debug("the command failed", exc_info=True)
+        _drop_output()
+        notify(error)
+        sys.exit(2)
 
-def run() -> None:
-    """Runs the command line. A user's mistake prints one message and ends with exit code 2."""
     protect_output("stderr")
     codecs.register_error("path", _path_bytes)
     if isinstance(sys.stdout, io.TextIOWrapper):
@@ -183,7 +186,7 @@ def run() -> None:
         if sys.stdout is not None:  # closed by who started this
             sys.stdout.flush()
     except UserError as error:
-        _fail(error)
+        fail(error)
     except click.ClickException as error:
         words = io.StringIO()
         error.show(words)
@@ -201,13 +204,11 @@ def run() -> None:
             if error.errno in (errno.ENOSPC, errno.EDQUOT)
             else "check that path and its permissions"
         )
-        _fail(
-            UserError(f"{where}{error.strerror or error}", f"{remedy}; -vv shows where it failed")
-        )
+        fail(UserError(f"{where}{error.strerror or error}", f"{remedy}; -vv shows where it failed"))
     except (MemoryError, ImportError) as error:
         if isinstance(error, ImportError) and "failed to map" not in str(error):
             raise
-        _fail(
+        fail(
             UserError(
                 "not enough memory",
                 "close other programs, or raise the limit (`ulimit -d`, `ulimit -v`)",

@@ -1,6 +1,5 @@
 """`lfpipe calibrate`: measures the camera's focal length, on which true depth depends."""
 
-import datetime
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,9 +12,7 @@ from lfpipe.cli.terminal import print_result
 from lfpipe.config import Config, load, user_file
 from lfpipe.config.user_files import camera_file, write_keys
 from lfpipe.errors import UserError
-from lfpipe.extras.latency.calibration import measure_device_latency
 from lfpipe.monitor.calibrate import by_card, by_eyes
-from lfpipe.render.display.monitors import device_latency_conditions
 
 BANK_CARD_MM = 85.60  # ISO/IEC 7810 ID-1
 USUAL_DEG = (30, 130)  # fields of view of webcams, narrow to wide
@@ -39,28 +36,15 @@ USUAL_DEG = (30, 130)  # fields of view of webcams, narrow to wide
     show_default=True,
     help="By your eyes or a bank card.",
 )
-@click.option(
-    "--latency",
-    is_flag=True,
-    help="Measure the total delay of camera and display, which prediction uses.",
-)
 @with_config
-def calibrate(
-    camera: str | None, distance_mm: float, by: str, latency: bool, config: Config
-) -> None:
-    """Measure the camera's focal length (stored under its name), or the delay of the loop.
+def calibrate(camera: str | None, distance_mm: float, by: str, config: Config) -> None:
+    """Measure the camera's focal length, stored under its name.
 
     Sit so that a tape measure reads MM from the camera to your eyes (or hold a bank card there,
     flat to the camera) and follow the window. Without a screen, the eyes are measured as soon as
     they are detected.
-
-    For --latency, turn the camera to the screen, or show it the screen in a hand mirror: a window
-    flickers for 15 s while the camera watches it.
     """
     name = camera_name(camera or config.camera.source)
-    if latency:
-        _latency(config, camera, name)
-        return
     size_px = (
         by_card(config, camera, distance_mm)
         if by == "card"
@@ -84,40 +68,16 @@ def calibrate(
             f"by screen.eyes_mm, {size_mm:g} mm between your eyes: the mean, 63, is at most 8 % off"
             " for most people"
         )
-    _store(camera_file(), name, {"focal_px": focal_px, "width_px": width_px})
+    store(camera_file(), name, {"focal_px": focal_px, "width_px": width_px})
     print_result(f"stored for {name} in {camera_file()}")
     if load().camera.focal_px != "auto":
-        _store(user_file(), "camera", {"focal_px": None})
+        store(user_file(), "camera", {"focal_px": None})
         print_result(
             f"camera.focal_px removed from {user_file()}: it would override the measured value"
         )
 
 
-def _latency(config: Config, camera: str | None, name: str) -> None:
-    """Measures and stores render.device_latency_ms."""
-    delay, monitor = measure_device_latency(config, camera)
-    device_latency_ms = round(max(delay.delay_ms, 0.0), 1)
-    print_result(
-        f"total delay of camera and display: {device_latency_ms} ms (90 %: {delay.low_ms:.1f} to"
-        f" {delay.high_ms:.1f} ms)"
-    )
-    print_result(
-        f"exposure {delay.exposure_ms:.0f} ms, on monitor {monitor.name} at {monitor.rate_hz:g} Hz"
-    )
-    here = device_latency_conditions(
-        datetime.date.today().isoformat(), name, config.camera, monitor
-    )
-    _store(
-        user_file(),
-        "render",
-        {"device_latency_ms": device_latency_ms, "device_latency_measured": here},
-    )
-    print_result(
-        f"render.device_latency_ms written to {user_file()}: the next session predicts by it"
-    )
-
-
-def _store(path: Path, section: str, values: Mapping[str, float | str | None]) -> None:
+def store(path: Path, section: str, values: Mapping[str, float | str | None]) -> None:
     """Writes the values under [section] of path.
 
     Raises UserError if it is not TOML, OSError if it cannot be written.

@@ -1,9 +1,11 @@
 """`lfpipe up`, from its arguments to a running session.
 
-All checks run before the first process starts.
+`prepare` parses the arguments, checks the machine without changing anything, then opens scenes and
+source; `launch` runs what it returns.
 """
 
 import contextlib
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import attrs
@@ -11,9 +13,9 @@ import attrs
 from lfpipe import config as configuration
 from lfpipe.capture.camera_list import NoCamera
 from lfpipe.capture.open_source import camera_name, camera_settings, check_source, clock_of
-from lfpipe.capture.spec import CameraSpec, parse_source, playing_once, source_file
+from lfpipe.capture.spec import parse_source, playing_once, source_file
 from lfpipe.cli.sessions import load_scene
-from lfpipe.cli.terminal import print_result, progress, say
+from lfpipe.cli.terminal import print_error, print_result, progress, say
 from lfpipe.config import Config, SessionOptions
 from lfpipe.config.modes import (
     CameraViewer,
@@ -31,8 +33,6 @@ from lfpipe.config.modes import (
 )
 from lfpipe.config.user_files import has_key, with_measured_focal
 from lfpipe.errors import UserError
-from lfpipe.extras.exhibition.kiosk import until_it_ends
-from lfpipe.extras.share.target import check_targets
 from lfpipe.files.output import check_outputs
 from lfpipe.files.video_writer import require_encoder
 from lfpipe.host.files import exists
@@ -50,7 +50,7 @@ from lfpipe.scene.open_scene import Opened, Packing, open_scenes
 from lfpipe.scene.pack import summarize
 from lfpipe.scene.recent_scenes import recent_scenes, remember_scene
 from lfpipe.supervisor import rundir
-from lfpipe.supervisor.live_session import Outcome
+from lfpipe.supervisor.effects import Outcome
 from lfpipe.supervisor.process_table import SCORER
 from lfpipe.supervisor.supervisor import run_session
 from lfpipe.track import models
@@ -60,12 +60,18 @@ DEMO_S = 10.0  # length of the demo without a screen
 DEMO_FOLDER = Path("lfpipe-demo")
 
 
+# (runs the first session, runs another one) -> exit code; each returns the exit code of a session
+RunPolicy = Callable[[Callable[[], int], Callable[[], int]], int]
+
+
+def first_alone(first: Callable[[], int], _another: Callable[[], int]) -> int:
+    """Runs one session."""
+    return first()
+
+
 @attrs.frozen(kw_only=True)
 class UpArguments:
-    """The arguments of `lfpipe up`.
-
-    kiosk: the code that ends an exhibition. start: begin with the scenes' thumbnails.
-    """
+    """The arguments of `lfpipe up`, and what commands of other packages add."""
 
     scenes: tuple[Path, ...] = ()
     camera: str | None = None
@@ -73,32 +79,56 @@ class UpArguments:
     duration_s: float | None = None
     trace: Path | None = None
     demo: bool = False
-    share: tuple[str, ...] = ()
     no_picture: bool = False
     session_name: str = attrs.field(factory=default_name)
     sets: tuple[str, ...] = ()
     config_file: str | None = None
-    kiosk: str | None = None
-    start: bool = False
     force: bool = False
+    start: bool = False
+    """Whether to begin with the scenes' thumbnails."""
+    extras: Mapping[str, tuple[str, ...]] = attrs.field(factory=dict)
+    """What stages of other packages work on, by the name of the stage. They need eyes."""
+    lock_code: str = ""
+    """The code that closes a locked window; "" if it is not locked."""
+    wait_for_camera: bool = False
+    """Whether the session starts without its camera, and waits for it."""
+    run_policy: RunPolicy = first_alone
+    """Whether sessions follow the first."""
 
-    def source(self, config: Config) -> str:
-        """The source of frames that is asked for; empty for the first camera."""
-        return self.camera or config.camera.source or ("demo" if self.demo else "")
+
+@attrs.frozen(kw_only=True)
+class Request:
+    """What is asked for, as far as the arguments and settings say."""
+
+    config: Config
+    display: Target
+    source: str
+    """Of frames; "" for the first camera."""
+    duration_s: float | None
+    still: Path | None = None
+    """The last picture of the demo, which records itself where there is no screen."""
+
+    @property
+    def video(self) -> Path | None:
+        """The file that pictures go to."""
+        return self.display.path if isinstance(self.display, VideoFile) else None
 
 
 @attrs.frozen(kw_only=True)
 class SessionPlan:
-    """A session that can start. files: its outputs, listed at its end. hold: keeps the pack in the
-    cache. packing: the packer, while it works on the scene's disparity.
-    """
+    """A session that can start."""
 
     config: Config
     options: SessionOptions
     duration_s: float | None
+    lines: tuple[str, ...]
+    """The settings in force, for people."""
     files: tuple[Path, ...] = ()
+    """Its outputs, listed at its end."""
     hold: object = None
+    """Keeps the pack in the cache."""
     packing: Packing | None = None
+    """The packer, while it works on the scene's disparity."""
 
 
 def start() -> int:
@@ -119,10 +149,7 @@ def start() -> int:
 
 
 def launch(arguments: UpArguments) -> int:
-    """Runs a session; returns the exit code. Raises UserError before any process starts.
-
-    An exhibition that fails after it has run restarts until it succeeds: it has no operator.
-    """
+    """Runs a session; returns the exit code. Raises UserError before any process starts."""
     session = Session(arguments.session_name)
     if session.name in rundir.running():
         if _is_for_open_window(arguments):
@@ -131,9 +158,9 @@ def launch(arguments: UpArguments) -> int:
             return 0
         rundir.release(session, rundir.acquire(session))  # raises the error with the remedy
     plan = prepare(arguments)
-    if arguments.kiosk is None:
-        return _run(session, plan)
-    return until_it_ends(lambda: _run(session, plan), lambda: _run(session, prepare(arguments)))
+    return arguments.run_policy(
+        lambda: _run(session, plan), lambda: _run(session, prepare(arguments))
+    )
 
 
 def _is_for_open_window(arguments: UpArguments) -> bool:
@@ -145,7 +172,7 @@ def _is_for_open_window(arguments: UpArguments) -> bool:
     if len(scenes) != 1 or arguments != UpArguments(scenes=scenes, session_name=name):
         return False
     options = snapshot(name).options
-    return isinstance(options.display, Window) and not options.kiosk
+    return isinstance(options.display, Window) and not options.lock_code
 
 
 def _run(session: Session, plan: SessionPlan) -> int:
@@ -172,82 +199,138 @@ def exit_code(outcome: Outcome) -> int:
         return 0
     if outcome.user_error:
         raise UserError(outcome.failure, outcome.remedy)
-    say(f"error: {outcome.failure}\n  remedy: {outcome.remedy}")
+    print_error(UserError(outcome.failure, outcome.remedy))
     return 1
 
 
-def _prepare_tracking(arguments: UpArguments) -> SessionPlan:
-    """A session that tracks eyes and shows nothing."""
-    given = {"SCENE": arguments.scenes, "--display": arguments.display, "--trace": arguments.trace}
-    if pointless := [name for name, value in given.items() if value]:
-        raise UserError(
-            f"--no-picture with {', '.join(pointless)}: nothing is shown",
-            "leave out one or the other",
-        )
-    config = configuration.load(arguments.config_file, arguments.sets)
-    share = check_targets(arguments.share)
-    viewer = _viewer(arguments.source(config), Nothing(), config)
-    config = with_engine(with_measured_focal(config, camera_name(viewer.source)))
-    say(
-        f"camera  {viewer.source}; eyes by {config.track.engine}, filter {config.track.filter}; no"
-        " picture"
-    )
-    for target in share:
-        say(f"share   eyes and head to {target}")
-    options = SessionOptions(viewer=viewer, clock=clock_of(viewer.source), show=False, share=share)
-    return SessionPlan(config=config, options=options, duration_s=arguments.duration_s)
-
-
 def prepare(arguments: UpArguments) -> SessionPlan:
-    """Checks all arguments, packs the scene unless it is packed, and prints the settings in force.
+    """A session that can start: its scene packed, its source checked. Prints the settings in force.
 
     Raises UserError.
     """
+    request = parse(arguments, has_screen=has_display())
+    check(arguments, request)
+    plan = _open_source(arguments, request) if arguments.no_picture else _open(arguments, request)
+    for line in plan.lines:
+        say(line)
+    return plan
+
+
+def parse(arguments: UpArguments, has_screen: bool) -> Request:
+    """Raises UserError for what is wrong whatever the machine is."""
     if arguments.no_picture:
-        return _prepare_tracking(arguments)
-    if not arguments.scenes and not arguments.demo:
+        given = {
+            "SCENE": arguments.scenes,
+            "--display": arguments.display,
+            "--trace": arguments.trace,
+        }
+        if pointless := [name for name, value in given.items() if value]:
+            raise UserError(
+                f"--no-picture with {', '.join(pointless)}: nothing is shown",
+                "leave out one or the other",
+            )
+    elif not arguments.scenes and not arguments.demo:
         raise UserError(
             "no SCENE given", "name a folder of views, or use --demo for the built-in scene"
         )
-    is_kiosk = arguments.kiosk is not None
-    records_itself = arguments.demo and arguments.display is None and not has_display()
-    still = DEMO_FOLDER / "demo.png" if records_itself else None
-    display = VideoFile(_demo_video()) if records_itself else _display(arguments)
-    video = display.path if isinstance(display, VideoFile) else None
-    halved = ("render.rate_hz=30",) if records_itself else ()  # for a small video
-    config = configuration.load(arguments.config_file, (*halved, *arguments.sets))
-    inputs = (*arguments.scenes, source_file(arguments.source(config)))
+    shows = not arguments.no_picture
+    records_itself = shows and arguments.demo and arguments.display is None and not has_screen
+    slower = ("render.rate_hz=30",) if records_itself else ()  # for a small video
+    config = configuration.load(arguments.config_file, (*slower, *arguments.sets))
+    if records_itself:
+        display: Target = VideoFile(DEMO_FOLDER / _demo_video_name())
+    else:
+        display = parse_display(arguments.display or "window") if shows else Nothing()
+    if isinstance(display, Window):
+        display = attrs.evolve(display, lock_code=arguments.lock_code)
+    source = arguments.camera or config.camera.source or ("demo" if arguments.demo else "")
+    if source and source != MouseViewer.source:
+        parse_source(source)
+    return Request(
+        config=config,
+        display=display,
+        source=source,
+        duration_s=arguments.duration_s or (DEMO_S if records_itself else None),
+        still=DEMO_FOLDER / "demo.png" if records_itself else None,
+    )
+
+
+def _demo_video_name() -> str:
+    """The smallest video if there is an encoder for it; the other one plays anywhere, too."""
+    try:
+        require_encoder()
+    except UserError:  # PyAV is not installed
+        return "demo.avi"
+    return "demo.mp4"
+
+
+def check(arguments: UpArguments, request: Request) -> None:
+    """Looks at the outputs and the display, and changes nothing. Raises UserError."""
+    inputs = (*arguments.scenes, source_file(request.source))
+    own_folder = request.still is not None and not exists(DEMO_FOLDER)  # made later
+    video = None if own_folder else request.video
     check_outputs(
         {"--display": video, "--trace": arguments.trace}, filter(None, inputs), arguments.force
     )
-    check_display(display, str(config.screen.monitor))
-    share = check_targets(arguments.share)
+    check_display(request.display, str(request.config.screen.monitor))
+
+
+def _open_source(arguments: UpArguments, request: Request) -> SessionPlan:
+    """A session that tracks eyes and shows nothing."""
+    viewer = _viewer(arguments, request)
+    config = with_engine(with_measured_focal(request.config, camera_name(viewer.source)))
+    camera = (
+        f"camera  {viewer.source}; eyes by {config.track.engine}, filter {config.track.filter}; no"
+        " picture"
+    )
+    options = SessionOptions(
+        viewer=viewer, clock=clock_of(viewer.source), show=False, extras=arguments.extras
+    )
+    return SessionPlan(
+        config=config,
+        options=options,
+        duration_s=request.duration_s,
+        lines=(camera, *_extra_lines(arguments)),
+    )
+
+
+def _open(arguments: UpArguments, request: Request) -> SessionPlan:
+    """A session that shows scenes: packs the first unless it is packed."""
     with progress() as bar:
         opened = open_scenes(
-            arguments.scenes, config.scene, bar, scorer=SCORER, complete=video is not None
+            arguments.scenes,
+            request.config.scene,
+            bar,
+            scorer=SCORER,
+            complete=request.video is not None,
         )
     try:
-        scene = summarize(opened.field)
-        config, viewer, clock = _watched(arguments, opened, scene.needs_eyes, display, config)
+        return _plan(arguments, request, opened)
     except BaseException:
         if opened.packing is not None:
             opened.packing.close()
         raise
+
+
+def _plan(arguments: UpArguments, request: Request, opened: Opened) -> SessionPlan:
+    display = request.display
     scenes = opened.scenes
-    if arguments.scenes and not is_kiosk and not arguments.start:
-        remember_scene(scenes[0])
-    plan = make_plan(opened.field, config)
-    for line in (
-        *startup_lines(config, opened.field, plan, viewer, display),
+    scene = summarize(opened.field)
+    config, viewer, clock = _watched(arguments, request, opened, scene.needs_eyes)
+    lines = [
+        *startup_lines(config, opened.field, make_plan(opened.field, config), viewer, display),
         *device_latency_lines(config, viewer, display),
-    ):
-        say(line)
-    for target in share:
-        say(f"share   eyes and head to {target}")
+        *_extra_lines(arguments),
+    ]
     if len(scenes) > 1:
-        keys = "" if is_kiosk else "Tab, Page Up and Page Down, or "
+        keys = "" if arguments.lock_code else "Tab, Page Up and Page Down, or "
         command = f"lfpipe ctl --session {arguments.session_name} load --next"
-        say(f"scenes  {len(scenes)}: {keys}`{command}` to show the others")
+        lines.append(f"scenes  {len(scenes)}: {keys}`{command}` to show the others")
+    if request.still is not None:
+        DEMO_FOLDER.mkdir(exist_ok=True)
+        lines.insert(0, f"no screen here: the demo records itself in {DEMO_FOLDER}/")
+    if arguments.scenes and not arguments.lock_code and not arguments.start:
+        remember_scene(scenes[0])
     options = SessionOptions(
         scene=scene,
         viewer=viewer,
@@ -261,64 +344,45 @@ def prepare(arguments: UpArguments) -> SessionPlan:
         start=arguments.start,
         ask_glasses=_is_first_start(arguments, display),
         trace=str(arguments.trace.resolve()) if arguments.trace else "",
-        still=str(still.resolve()) if still else "",
-        share=share,
+        still=str(request.still.resolve()) if request.still else "",
+        extras=arguments.extras,
     )
     return SessionPlan(
         config=config,
         options=options,
-        duration_s=arguments.duration_s or (DEMO_S if records_itself else None),
-        files=tuple(path for path in (video, still, arguments.trace) if path is not None),
+        duration_s=request.duration_s,
+        lines=tuple(lines),
+        files=tuple(filter(None, (request.video, request.still, arguments.trace))),
         hold=opened.field.hold,
         packing=opened.packing,
     )
 
 
+def _extra_lines(arguments: UpArguments) -> list[str]:
+    return [f"{name:<7} {text}" for name, texts in arguments.extras.items() for text in texts]
+
+
 def _watched(
-    arguments: UpArguments, opened: Opened, needs_eyes: bool, display: Target, config: Config
+    arguments: UpArguments, request: Request, opened: Opened, needs_eyes: bool
 ) -> tuple[Config, Viewer, Clock]:
-    """Who looks at the scenes, by which clock, and the configuration with what the machine and the
-    camera lack or are known for. Raises UserError.
+    """The configuration with what the machine and the camera lack or are known for, the viewer, and
+    the clock. Raises UserError.
     """
+    config = request.config
     if not needs_eyes and len(opened.scenes) == 1:
-        if not arguments.share:
+        if not arguments.extras:
             return config, NoViewer(), Live()
+        name = next(iter(arguments.extras))
         raise UserError(
-            f"--share with {opened.scenes[0]}: its picture needs no eyes, so none are tracked",
-            "track without a scene: `lfpipe up --no-picture --share TARGET`",
+            f"--{name} with {opened.scenes[0]}: its picture needs no eyes, so none are tracked",
+            "use `lfpipe up --no-picture` to track without a scene",
         )
-    viewer = watching(_viewer(arguments.source(config), display, config), needs_eyes)
+    viewer = watching(_viewer(arguments, request), needs_eyes)
     clock: Clock = Live()
     if viewer.source and isinstance(viewer, CameraViewer | RecordedEyes):
         config = with_measured_focal(config, camera_name(viewer.source))
         clock = clock_of(viewer.source)
     return (with_engine(config) if viewer.tracked else config), viewer, clock
-
-
-def _display(arguments: UpArguments) -> Target:
-    """The display that is asked for; an exhibition fills the screen. Raises UserError."""
-    if arguments.kiosk is None:
-        return parse_display(arguments.display or "window")
-    display = parse_display(arguments.display or "fullscreen")
-    if not isinstance(display, Window):
-        raise UserError(
-            f"--kiosk with --display {display}: an exhibition needs a screen",
-            "leave out one or the other",
-        )
-    return attrs.evolve(display, kiosk=arguments.kiosk)
-
-
-def _demo_video() -> Path:
-    """Creates the folder to which the demo records itself without a screen. Returns the path of its
-    video, which plays anywhere: the smallest if there is an encoder for that. Raises OSError.
-    """
-    DEMO_FOLDER.mkdir(exist_ok=True)
-    say(f"no screen here: the demo records itself in {DEMO_FOLDER}/")
-    try:
-        require_encoder()
-    except UserError:  # PyAV is not installed
-        return DEMO_FOLDER / "demo.avi"
-    return DEMO_FOLDER / "demo.mp4"
 
 
 def _is_first_start(arguments: UpArguments, display: Target) -> bool:
@@ -330,7 +394,7 @@ def _is_first_start(arguments: UpArguments, display: Target) -> bool:
         or arguments.config_file
         or arguments.duration_s
         or arguments.trace
-        or arguments.kiosk is not None
+        or arguments.lock_code
     )
     return not scripted and isinstance(display, Window) and not has_key("render", "anaglyph")
 
@@ -351,26 +415,26 @@ def with_engine(config: Config) -> Config:
     return config
 
 
-def _viewer(camera: str, display: Target, config: Config) -> Viewer:
-    """The viewer in front of a source. Without a camera, the mouse over a window; an exhibition
-    waits for its camera. A file whose pictures go to a file plays once. Raises UserError.
+def _viewer(arguments: UpArguments, request: Request) -> Viewer:
+    """The viewer in front of the source. Without a camera, the mouse over a window that is not
+    locked. A file whose pictures go to a file plays once. Raises UserError.
     """
-    is_exhibition = isinstance(display, Window) and bool(display.kiosk)
-    has_mouse = isinstance(display, Window) and not is_exhibition
-    if camera == MouseViewer.source and not has_mouse:
-        where = "--kiosk" if is_exhibition else f"--display {display}"
+    camera, display = request.source, request.display
+    has_mouse = isinstance(display, Window) and not display.lock_code
+    if camera == MouseViewer.source:
+        if has_mouse:
+            return MouseViewer()
+        where = "a locked window" if isinstance(display, Window) else f"--display {display}"
         raise UserError(
             f"--camera mouse with {where}: there is no mouse",
             "use --display window, or another source: --camera demo",
         )
     try:
-        once = playing_once(camera) if camera and isinstance(display, VideoFile) else camera
-        if camera == MouseViewer.source:
-            return MouseViewer()
-        return check_source(once, camera_settings(config))
+        once = playing_once(camera) if camera and request.video is not None else camera
+        return check_source(once, camera_settings(request.config))
     except UserError as error:
-        if is_exhibition and (not camera or isinstance(parse_source(camera), CameraSpec)):
-            say(f"{error.message}; the exhibition waits for its camera")
+        if arguments.wait_for_camera and (not camera or parse_source(camera).live):
+            say(f"{error.message}; the session waits for its camera")
             return CameraViewer(source=camera)
         if not (has_mouse and isinstance(error, NoCamera)):
             raise
@@ -412,7 +476,7 @@ def startup_lines(
 
 
 def device_latency_lines(config: Config, viewer: Viewer, display: Target) -> list[str]:
-    """The delay of the loop if pictures go to a screen, with a warning if it is doubtful."""
+    """The device latency if pictures go to a screen, with a warning if it is doubtful."""
     render = config.render
     if (
         not render.device_latency_ms

@@ -1,9 +1,7 @@
 """`lfpipe scene`: packs, lists, inspects and plans light fields."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import attrs
 import click
@@ -11,14 +9,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.cli.options import JSON, PATH, SCENE, Number, with_config, with_scene
+from lfpipe.cli.options import JSON, PATH, SCENE, with_config, with_scene
+from lfpipe.cli.plugged import ExtensibleGroup
 from lfpipe.cli.terminal import filled, print_result, progress
 from lfpipe.config import Config
 from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.errors import UserError
-from lfpipe.extras.export import pictures
-from lfpipe.extras.export.page import PageExport, check_page
-from lfpipe.extras.phone.slide import Slide
 from lfpipe.files.output import check_output, marked_picture, write_output
 from lfpipe.host.files import is_dir
 from lfpipe.log import set_up
@@ -28,13 +24,11 @@ from lfpipe.scene.cache import cache_dir, packed, packs, remove, sweep
 from lfpipe.scene.contact_sheet import contact_sheet
 from lfpipe.scene.description import describe_folder
 from lfpipe.scene.info import expected_field, facts, lines
-from lfpipe.scene.lightfield import LightField, Manifest
-from lfpipe.scene.open_scene import ask_packer, open_scene
+from lfpipe.scene.lightfield import LightField
+from lfpipe.scene.open_scene import ask_manifest, open_scene
 from lfpipe.supervisor.process_table import SCORER
 
-Command = Callable[..., Any]
 PICTURES = (".png", ".jpg", ".jpeg")
-PAIRS = (*PICTURES, ".jps", ".mpo", ".mp4")
 
 
 def opened(path: Path | None, config: Config) -> LightField:
@@ -71,7 +65,7 @@ def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
     print_result(path)
 
 
-@click.group()
+@click.group(cls=ExtensibleGroup)
 def scene() -> None:
     """Pack, list and inspect light fields."""
 
@@ -154,7 +148,7 @@ def plan(path: Path, as_json: bool, config: Config) -> None:
     field = packed(path, config.scene, complete=True)
     if field is None:
         with progress() as bar:
-            manifest = ask_packer(Manifest, path, config.scene, bar, do="info")
+            manifest = ask_manifest(path, config.scene, bar)
         field = expected_field(manifest) if manifest.frames > 1 else opened(path, config)
     plan = make_plan(field, config)
     if as_json:
@@ -187,7 +181,7 @@ def info(path: Path, as_json: bool, verbose: bool, config: Config) -> None:
     if verbose:
         set_up(1)
     field = None if verbose else packed(path, config.scene, complete=True)
-    manifest = field.manifest if field else ask_packer(Manifest, path, config.scene, do="info")
+    manifest = field.manifest if field else ask_manifest(path, config.scene)
     pack = field.folder if field else ""
     if as_json:
         print_result(json.dumps(facts(manifest, pack)))
@@ -207,7 +201,7 @@ def describe(folder: Path, config: Config) -> None:
     """
     if not is_dir(folder):
         raise UserError(f"{folder}: no folder", "give the folder of the views")
-    manifest = ask_packer(Manifest, folder, config.scene, do="info")
+    manifest = ask_manifest(folder, config.scene)
     print_result(describe_folder(folder, config.scene))
     for line in lines(manifest, ""):
         print_result(filled(line[14:], line[:14]))
@@ -265,150 +259,3 @@ def sheet(path: Path, out: Path, config: Config) -> None:
     """Write a contact sheet of all views, epipolar slices, and depth: near in red, far in blue."""
     check_picture(out, path)
     write_picture(out, contact_sheet(opened(path, config))[..., ::-1])
-
-
-@scene.group()
-def export() -> None:
-    """Write SCENE for other programs and people."""
-
-
-def _out(help_text: str) -> Callable[[Command], Command]:
-    return click.option("-o", "--out", type=PATH, required=True, help=help_text)
-
-
-EYE_DISTANCE = click.option(
-    "--apart", type=float, metavar="VIEWS", help="Views between the eyes.  [default: comfortable]"
-)
-
-
-def _seconds(default_s: float) -> Callable[[Command], Command]:
-    return click.option(
-        "--seconds",
-        type=Number(0.1, 600),
-        default=default_s,
-        show_default=True,
-        metavar="S",
-        help="Length of a clip, there and back.",
-    )
-
-
-@export.command()
-@SCENE
-@_out("Picture; _qs8x6a1.00 is appended to its name.")
-@click.option("--tiles", default="8x6", show_default=True, metavar="COLSxROWS", help="Tiles.")
-@with_scene
-def quilt(path: Path, out: Path, tiles: str, config: Config) -> None:
-    """Write a quilt of views from left to right, for Looking Glass displays."""
-    cols, rows = pictures.parse_tiles(tiles)
-    check_picture(out, path)
-    field = opened(path, config)
-    name = pictures.quilt_name(out, cols, rows, field.width_px / field.height_px)
-    check_picture(name, path)
-    write_picture(name, pictures.SceneExport(field, config).quilt(cols, rows))
-
-
-@export.command()
-@SCENE
-@_out("Picture (.png, .jpg, .jps, .mpo) or clip (.mp4); _sbs or _LR is appended to its name.")
-@EYE_DISTANCE
-@_seconds(pictures.SWEEP_S)
-@with_scene
-def pair(path: Path, out: Path, eye_distance: float | None, seconds: float, config: Config) -> None:
-    """Write the views of both eyes, for stereo viewers. MP4 needs the extra media."""
-    out = pictures.pair_name(out)
-    if out.suffix.lower() == ".mp4":
-        _write_clip(path, out, "pair", eye_distance, seconds, config)
-        return
-    check_picture(out, path, PAIRS)
-    exported = pictures.SceneExport(opened(path, config), config)
-    write_output(out, pictures.stereo_file(*exported.eyes(eye_distance), out.suffix.lower()))
-    print_result(out)
-
-
-@export.command()
-@SCENE
-@_out("Clip (.gif, .mp4).")
-@EYE_DISTANCE
-@_seconds(pictures.WIGGLE_S)
-@with_scene
-def wiggle(
-    path: Path, out: Path, eye_distance: float | None, seconds: float, config: Config
-) -> None:
-    """Write a clip from one eye's view to the other's and back: depth without glasses."""
-    _write_clip(path, out, "wiggle", eye_distance, seconds, config)
-
-
-@export.command("sweep")
-@SCENE
-@_out("Clip (.mp4, .gif).")
-@_seconds(pictures.SWEEP_S)
-@with_scene
-def sweep_clip(path: Path, out: Path, seconds: float, config: Config) -> None:
-    """Write a clip along the middle row, there and back."""
-    _write_clip(path, out, "sweep", None, seconds, config)
-
-
-def _write_clip(
-    path: Path, out: Path, form: str, eye_distance: float | None, seconds: float, config: Config
-) -> None:
-    pictures.check_clip(out, round(seconds * pictures.RATE_HZ))
-    check_output(out, [path])
-    exported = pictures.SceneExport(opened(path, config), config)
-    pictures.write_clip(out, exported.clip(form, eye_distance, seconds), pictures.RATE_HZ)
-    print_result(f"{out}  {out.stat().st_size / 1e6:.2f} MB")
-
-
-@export.command()
-@SCENE
-@_out("Page (.html).")
-@click.option("--credit", metavar="TEXT", default="", help="Line below the picture.")
-@with_scene
-def page(path: Path, out: Path, credit: str, config: Config) -> None:
-    """Write a web page to give away: one file of at most 8 MB that any browser opens.
-
-    Mouse, finger or tilt look around; a button shows red/cyan. It loads nothing from elsewhere.
-    """
-    check_page(out)
-    check_output(out, [path])
-    field = opened(path, config)
-    quilt = PageExport(field, config).write(out, credit)
-    print_result(
-        f"{out}  {out.stat().st_size / 1e6:.2f} MB, {quilt.rows}x{quilt.cols} views of"
-        f" {quilt.width_px}x{quilt.height_px} px"
-    )
-    if quilt.wanted != (quilt.rows, quilt.cols):
-        rows, cols = quilt.wanted
-        print_result(
-            f"  fewer than the {rows}x{cols} views of a smooth cross-fade: it would be too large"
-        )
-    if field.frames > 1:
-        print_result(f"  the first of {field.frames} frames")
-
-
-@scene.command()
-@click.argument("path", metavar="CLIP", type=PATH)
-@click.option(
-    "-o", "--out", type=PATH, help="New folder for the views.  [default: CLIP-views beside CLIP]"
-)
-@with_config
-def make(path: Path, out: Path | None, config: Config) -> None:
-    """Make a light field of one row from CLIP, a video or a folder of pictures taken while sliding
-    the camera sideways.
-    """
-    with progress() as bar:
-        folder = out or path.with_name(f"{path.stem}-views")
-        slide = ask_packer(Slide, path, config.scene, bar, do="make", out=str(folder))
-    print_result(
-        f"{slide.views} views of {slide.width_px}x{slide.height_px} px, chosen from"
-        f" {slide.frames} pictures"
-    )
-    print_result(
-        f"  parallax    {slide.spread_px:.0f} px between outermost views,"
-        f" {slide.residual_px:.2f} px vertical error (95 %)"
-    )
-    print_result(
-        f"  direction   {slide.order}"
-        f" ({'sure' if slide.order_sure else '`lfpipe scene sheet` shows near and far'})"
-    )
-    opened(folder, config)
-    print_result(str(folder))

@@ -10,6 +10,7 @@ import click
 
 from lfpipe import config as configuration
 from lfpipe.cli.options import PATH, SESSION, complete_settings
+from lfpipe.cli.plugged import ExtensibleGroup
 from lfpipe.cli.terminal import print_result
 from lfpipe.config import converter, parse_set
 from lfpipe.monitor.monitor import print_state, run
@@ -26,34 +27,17 @@ Send = Callable[..., None]  # of one message, and perhaps timeout_s
 @SESSION
 @click.option("--once", is_flag=True, help="Print the state once and end.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per line.")
-@click.option(
-    "--web",
-    is_flag=False,
-    flag_value="",
-    metavar="[[HOST]:PORT]",
-    help=(
-        "Serve a page with charts, pictures and controls on 127.0.0.1, or on HOST. It prints two"
-        " addresses: one for control, one for watching only, without the camera's picture."
-    ),
-)
-def monitor(session_name: str, once: bool, as_json: bool, web: str | None) -> None:
+def monitor(session_name: str, once: bool, as_json: bool) -> None:
     """Show latency, rate, drops and load of every stage of a running session.
 
     On a terminal, the screen updates four times a second; elsewhere the state is printed once.
     If the session ends, the monitor waits for it to start again.
     Keys: q quit, p pause, r reset, t record a timeline, w toggle warp, m mode, c recentre.
     """
-    if web is None:
-        run(session_name, once, as_json)
-        return
-    if once or as_json:
-        raise click.UsageError(f"--web excludes {'--once' if once else '--json'}")
-    from lfpipe.extras.web.server import serve  # Tornado is not needed for anything else
-
-    serve(session_name, web or ":8765", print_result)
+    run(session_name, once, as_json)
 
 
-class Leading(click.Group):
+class Leading(ExtensibleGroup):
     """A group whose own options may also follow the command: `ctl status --json`."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -172,32 +156,6 @@ def start(send: Send, out: Path) -> None:
 def stop_record(send: Send) -> None:
     """End the recording."""
     send({"cmd": "record", "path": ""})
-
-
-@ctl.group()
-def share() -> None:
-    """Send the viewer's eyes and head to other programs."""
-
-
-@share.command("start")
-@click.argument("targets", nargs=-1, required=True, metavar="TARGET...")
-@click.pass_obj
-def start_share(send: Send, targets: tuple[str, ...]) -> None:
-    """Start sharing with each TARGET: opentrack:HOST:PORT, osc:HOST:PORT or lsl[:NAME]. Append
-    ?rate=HZ for predicted eyes.
-    """
-    send({"cmd": "share", "start": list(targets)}, FILE_CHECK_TIMEOUT_S)
-
-
-@share.command("stop")
-@click.argument("targets", nargs=-1, metavar="[TARGET]...")
-@click.pass_obj
-def stop_share(send: Send, targets: tuple[str, ...]) -> None:
-    """Stop sharing with each TARGET, written as `start` printed it.
-
-    Without TARGET, stop all sharing.
-    """
-    send({"cmd": "share", "stop": list(targets)})
 
 
 @click.group()

@@ -14,7 +14,8 @@ from pathlib import Path
 
 import click
 
-from lfpipe.errors import escaped, plain
+from lfpipe.errors import ERROR_FILE, UserError, escaped, plain
+from lfpipe.files.safe_files import write_file
 
 QUIET_S = 5.0  # a shorter wait needs no line
 Progress = Callable[[str, int, int], None]  # (task, steps done, steps in total)
@@ -33,6 +34,13 @@ def print_result(result: str | Path) -> None:
 def say(text: str) -> None:
     """Prints lines for people on stderr, `escaped`: stdout is for results."""
     click.echo(escaped(text), err=True)
+
+
+def print_error(error: UserError) -> None:
+    """Prints what ended a command, for people, and for the program that started it."""
+    say(f"error: {error}")
+    if path := os.environ.get(ERROR_FILE):
+        write_file(Path(path), error.to_json())
 
 
 def filled(text: str, head: str) -> str:

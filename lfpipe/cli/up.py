@@ -36,24 +36,6 @@ Examples:
     is_flag=True,
     help="A built-in scene and face: needs no camera, light field or screen.",
 )
-@click.option(
-    "--share",
-    multiple=True,
-    metavar="TARGET",
-    help="Send eyes and head to opentrack:HOST:PORT, osc:HOST:PORT or "
-    "lsl[:NAME]; add ?rate=HZ for predicted eyes. Repeatable.",
-)
-@click.option(
-    "--kiosk",
-    is_flag=True,
-    help="Run an exhibition: full screen, all keys ignored; typing its code ends it.",
-)
-@click.option(
-    "--code-file",
-    type=PATH,
-    metavar="FILE",
-    help="With --kiosk: a file with the code that ends it; or set LFPIPE_KIOSK_CODE.",
-)
 @click.option("--force", is_flag=True, help="Replace output files that lfpipe did not write.")
 @click.option("--no-picture", is_flag=True, help="Track the eyes only: no SCENE, no window.")
 @SESSION
@@ -66,10 +48,5 @@ def up(**options: Any) -> int:
     --session NAME opens another one.
     """
     from lfpipe.cli.launch import UpArguments, launch
-    from lfpipe.extras.exhibition.kiosk import kiosk_code
 
-    is_kiosk = options.pop("kiosk")
-    code_file = options.pop("code_file")
-    if code_file and not is_kiosk:  # who thinks the window is locked must not find it open
-        raise click.UsageError("--code-file needs --kiosk")
-    return launch(UpArguments(**options, kiosk=kiosk_code(code_file) if is_kiosk else None))
+    return launch(UpArguments(**options))

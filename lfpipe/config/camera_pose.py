@@ -34,16 +34,18 @@ def camera_focal_px(config: Config, frame_width_px: int) -> float:
 
 @attrs.frozen(kw_only=True)
 class CameraPose:
-    """above_mm: from the middle of the picture on the screen up to the camera. tilt: radians,
-    positive where it looks down.
-    focal_px, middle_px: of its picture. eyes_mm: distance between the viewer's eyes.
-    """
+    """The camera's position and optics."""
 
     above_mm: float
+    """From the middle of the picture on the screen up to the camera."""
     tilt: float
+    """Radians, positive where it looks down."""
     focal_px: float
+    """Of its picture."""
     middle_px: tuple[float, float]
+    """Of its picture."""
     eyes_mm: float
+    """Distance between the viewer's eyes."""
 
     @classmethod
     def of(cls, config: Config, size_px: tuple[int, int]) -> CameraPose | None:

@@ -35,7 +35,7 @@ SHOW = "see every key with its unit and range: `lfpipe config show`"
 TEXT_CHARS = 4096  # of any text; the longest path
 MAX_LISTED = 10  # problems that one message names
 NAMES = {int: "a whole number", float: "a number", bool: "true or false", str: "text"}
-# keys whose words other packages may add
+# keys whose values other packages may add
 PLUGGABLE = {"track.engine": ENGINES, "track.filter": FILTERS}
 
 

@@ -1,6 +1,4 @@
-"""What a session's viewer, clock and display are: parsed once, at the door, into one class for each
-kind.
-"""
+"""The kinds of viewer, clock and display of a session: one class each, parsed once, early."""
 
 from pathlib import Path
 
@@ -61,8 +59,8 @@ Viewer = CameraViewer | RecordedEyes | MouseViewer | NoViewer
 
 
 def watching(viewer: Viewer, needs_eyes: bool) -> Viewer:
-    """The viewer of a session that goes on with another scene; a session without one looks for the
-    first camera when a scene needs eyes.
+    """The viewer of a session that continues with another scene; a session without one looks for
+    the first camera when a scene needs eyes.
     """
     match viewer:
         case CameraViewer() | RecordedEyes():
@@ -90,7 +88,7 @@ class ReplayOutput:
 
 @attrs.frozen
 class Live:
-    """Time passes: late frames are dropped, and a picture is made for the moment of its light."""
+    """Time passes: late frames are dropped, and a picture is made for its display time."""
 
     output = None
 
@@ -121,8 +119,8 @@ class Window:
 
     # whether it fills the screen
     fullscreen: bool = False
-    # the code that ends an exhibition, the only keys that the window accepts; "" outside of one
-    kiosk: str = attrs.field(default="", repr=False)
+    # the code that closes it, the only keys that a locked window accepts; "" if it is not locked
+    lock_code: str = attrs.field(default="", repr=False)
 
     def __str__(self) -> str:
         return "fullscreen" if self.fullscreen else "window"

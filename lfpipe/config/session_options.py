@@ -49,7 +49,7 @@ class SceneSummary:
     # of the farthest and nearest points, px per view
     disparity_min_px: float = 0.0
     disparity_max_px: float = 0.0
-    # whether the views run against the order of the pack
+    # whether the depth is inverted against the order of the pack
     depth_inverted: bool = False
     # whether the picture depends on the eyes
     needs_eyes: bool = attrs.field(
@@ -59,7 +59,7 @@ class SceneSummary:
     frames: int = 1
 
     def shown_as(self, invert_depth: str) -> Self:
-        """With near and far as scene.invert_depth asks; "auto" leaves them as they are."""
+        """With the depth order of scene.invert_depth; "auto" changes nothing."""
         if invert_depth == "auto" or (invert_depth == "yes") == self.depth_inverted:
             return self
         low, high = -self.disparity_max_px, -self.disparity_min_px
@@ -110,22 +110,28 @@ class SessionOptions:
     # names of rings that exist only on demand
     pictures: str = ""
     packets: str = ""
-    # where eyes are sent to, as `lfpipe.extras.share.target` writes it
-    share: tuple[str, ...] = ()
+    # what stages of other packages work on, by the name of the stage
+    extras: Mapping[str, tuple[str, ...]] = attrs.field(factory=dict)
+    # rings on demand that such stages read now
+    asked_for: tuple[str, ...] = ()
     # the scenes to step through, and the index of the one on show
     playlist: tuple[str, ...] = ()
     playlist_at: int = 0
     # begin with the thumbnails of the playlist
     start: bool = False
-    # ask which glasses the person has
+    # ask which glasses the user has
     ask_glasses: bool = False
     # the quality in force, None for full
     level: QualityLevel | None = None
 
     @property
-    def kiosk(self) -> str:
-        """The code that ends an exhibition, "" outside of one."""
-        return self.display.kiosk if isinstance(self.display, Window) else ""
+    def lock_code(self) -> str:
+        """The code that closes a locked window; "" if the window is not locked."""
+        return self.display.lock_code if isinstance(self.display, Window) else ""
+
+    def extra(self, stage: str) -> tuple[str, ...]:
+        """What a stage of another package works on; nothing if it does not run."""
+        return self.extras.get(stage, ())
 
     @property
     def pack(self) -> str:

@@ -39,22 +39,25 @@ FILTER_MODULES = {
 
 @attrs.frozen
 class Key:
-    """Meaning and limits of a value. types: of int, float, str and bool, those that it may have.
-    words: values besides.
-    low and high: range of a number, inclusive; without them every number is valid. live: `lfpipe
-    ctl set` may change it, so the stage that uses the key must reread `context.config`. replays:
-    whether it can change what a replay computes.
-    """
+    """Meaning and limits of a value."""
 
     default: Any
     doc: str
+    """In one line."""
     unit: str
     low: float
+    """Of a number, inclusive; without limits every number is valid."""
     high: float
+    """Likewise."""
     live: bool
+    """`lfpipe ctl set` may change it, so the stage that uses the key must reread `context.config`.
+    """
     replays: bool
+    """Whether it can change what a replay computes."""
     types: tuple[type, ...] = ()
+    """Of int, float, str and bool, those that it may have."""
     words: tuple[str | int, ...] = ()
+    """Values besides."""
 
 
 def key(
@@ -281,8 +284,8 @@ class Render:
         True,
         live=True,
         doc=(
-            "at the edge of the grid, keep the distance of the eyes and stop their middle; no: stop"
-            " each eye, as the paper does"
+            "at the grid edge: true clamps the midpoint and keeps the eye distance; false clamps"
+            " each eye, as in the paper"
         ),
     )
     swap_eyes: bool = key(

@@ -1,5 +1,4 @@
-"""Files that a command writes for a person: checked without being changed, written beside their
-place, moved there when readable.
+"""Output files: validate first, write to a temporary file, then rename.
 
 An output never replaces an input of its command, a file in use, a file that lfpipe did not write,
 or one that another command reads (INPUTS). `written_by_lfpipe` recognises its own by content,
@@ -142,7 +141,7 @@ def _check_place(target: Path) -> None:
     ):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(target))
     if exists and target.stat().st_nlink > 1:
-        raise OSError(errno.EMLINK, "has several names (hard links)", str(target))
+        raise OSError(errno.EMLINK, "has more than one hard link", str(target))
 
 
 def _is_input(target: Path, source: Path) -> bool:

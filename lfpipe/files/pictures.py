@@ -36,23 +36,25 @@ Image.MAX_IMAGE_PIXELS = None  # MAX_DECODING_BYTES is the limit, and it counts 
 
 @attrs.frozen(kw_only=True)
 class Header:
-    """What a picture's header says. width_px, height_px: upright. grey: one sample per pixel,
-    neither colour nor alpha.
-    max_value: the full-scale value, above 255 for samples of two bytes. orientation: of the stored
-    picture, 1 (upright) to 8, as EXIF counts. frames: of an animation, or pictures in one file.
-    eyes: which of them are the left and the right eye's; empty where the file does not say.
-    has_depth: as a part of a HEIC picture.
-    """
+    """The header of a picture."""
 
     format: str
     width_px: int
+    """Upright."""
     height_px: int
+    """Upright."""
     grey: bool = False
+    """One sample per pixel, neither colour nor alpha."""
     max_value: int = 255
+    """The full-scale value, above 255 for samples of two bytes."""
     orientation: int = 1
+    """Of the stored picture, 1 (upright) to 8, as EXIF counts."""
     frames: int = 1
+    """Of an animation, or pictures in one file."""
     eyes: tuple[int, ...] = ()
+    """Which frames are the left and the right eye's; empty if unknown."""
     has_depth: bool = False
+    """As a part of a HEIC picture."""
 
     @property
     def size(self) -> str:

@@ -28,7 +28,7 @@ _LABEL = "written by lfpipe: temporary"  # file in a `temporary_folder`
 
 
 def reason(error: OSError | ValueError) -> str:
-    """Why a file could not be opened, read or written, in words."""
+    """Why a file could not be opened, read or written."""
     return getattr(error, "strerror", None) or str(error)
 
 
@@ -209,7 +209,7 @@ def replaced(path: Path, mode: int = PRIVATE) -> Iterator[BufferedWriter]:
         output.file.flush()
         output.place()
     except OSError as error:
-        error.filename = error.filename or str(path)  # a write knows no name
+        error.filename = error.filename or str(path)  # a write has no file name
         raise
     finally:
         output.close()

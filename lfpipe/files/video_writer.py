@@ -131,8 +131,8 @@ class VideoWriter:
 
 
 def _move_index_first(path: Path) -> None:
-    """Copies the finished packets to a new file that replaces path. Without room for the copy, the
-    file stays: every player opens it.
+    """Copies the finished packets to a new file that replaces path. If the disk is too full for the
+    copy, the file stays: every player opens it.
     """
     from av import open as open_container
     from av.error import FFmpegError

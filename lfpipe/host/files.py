@@ -39,14 +39,14 @@ def proc_fd_path(file: IO[bytes]) -> str:
 
 
 def path_to_write(file: IO[bytes]) -> str:
-    """A path by which a library opens this very file anew, as often as it likes: whatever is put
-    in place of its name meanwhile. On macOS, the name: `/dev/fd` shares one position there.
+    """A path that reopens this same file even if its name has been replaced. On macOS, the name:
+    `/dev/fd` shares one position there.
     """
     return proc_fd_path(file) if sys.platform == "linux" else str(file.name)
 
 
 def reserve(path: Path) -> None:
-    """Reserves room on the disk for all of a file, so that a map of it can be written.
+    """Reserves disk space for all of a file, so that a map of it can be written.
 
     Raises OSError if it is full.
     """

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from lfpipe import __version__
+from lfpipe._version import __version__
 from lfpipe.errors import UserError
 
 # processors that keep program order as far as a ring needs it

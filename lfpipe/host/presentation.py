@@ -17,14 +17,14 @@ _PERIOD_GAIN = 0.05  # of each new period in the average
 
 @attrs.frozen
 class Presented:
-    """serial: number of the picture. t_ns: the vertical blank that shows it (CLOCK_MONOTONIC), 0 if
-    it was never shown.
-    period_ns: of the screen, 0 if unknown.
-    """
+    """When a picture was shown."""
 
     serial: int
+    """Number of the picture."""
     t_ns: int
+    """The vertical blank that shows it (CLOCK_MONOTONIC); 0 if it was never shown."""
     period_ns: int
+    """Of the screen; 0 if unknown."""
 
 
 class _Complete(ctypes.Structure):
@@ -59,7 +59,7 @@ class _Extension(ctypes.Structure):
 
 
 class VblankAnswers:
-    """What the server's answers, each naming a blank, say of the pictures they were asked for."""
+    """The pictures that a server's answers, each naming a vertical blank, refer to."""
 
     def __init__(self) -> None:
         self._handed_ns: dict[int, int] = {}  # serial -> hand-over
@@ -79,8 +79,8 @@ class VblankAnswers:
     def answered(self, serial: int, t_ns: int, number: int) -> list[Presented]:
         """Blank `number` at t_ns answers for a picture; returns what is certain now.
 
-        Of several pictures before one blank the last was shown: an answer is held while another may
-        follow for its blank.
+        Of several pictures before one vertical blank the last was shown: an answer is held while
+        another may follow for the same one.
         """
         if self._last and number > self._last[1]:
             period_ns = (t_ns - self._last[0]) / (number - self._last[1])
@@ -94,8 +94,8 @@ class VblankAnswers:
         if self._held is None:
             self._held = new
             return []
-        # present_fake.c puts an answer off by a blank if its timer fires early: the next picture's
-        # comes first then
+        # present_fake.c delays an answer by a vertical blank if its timer fires early: then that of
+        # the next picture comes first
         first, last = sorted((self._held, new), key=lambda answer: answer.serial)
         if last.t_ns - first.t_ns > self._period_ns / 2:
             self._held = last
@@ -104,7 +104,7 @@ class VblankAnswers:
         return [Presented(first.serial, 0, 0)]
 
     def rest(self) -> list[Presented]:
-        """The held answer, once no other can follow for its blank."""
+        """The held answer, once no other can follow for its vertical blank."""
         if self._held is None or self._handed_ns:
             return []
         held = [self._held]
@@ -163,7 +163,7 @@ class XPresentation:
         """Does nothing: the request follows the picture."""
 
     def handed_over(self, serial: int) -> None:
-        """Asks for the next blank."""
+        """Requests the next vertical blank."""
         if self._answers.waiting < _MAX_WAITING:
             number = serial & 0xFFFFFFFF
             self._answers.asked(number, time.monotonic_ns())

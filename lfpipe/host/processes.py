@@ -6,12 +6,9 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import multiprocessing
 import os
 import signal
-import threading
 from collections.abc import Sequence
-from multiprocessing import connection
 from pathlib import Path
 from typing import Any
 
@@ -63,24 +60,11 @@ def set_up(name: str) -> None:
 
 
 def end_with_parent(parent_pid: int) -> bool:
-    """Sends this process SIGTERM when its parent ends. Returns False if the parent has already
-    ended.
-
-    A thread reads the pipe that multiprocessing holds open in the parent until it ends. On Linux,
-    the kernel sends the signal too: at once, and even to a process whose threads do not run.
+    """Asks the kernel to send this process SIGTERM when the thread that started it ends: at once,
+    and even if no thread of this process runs. Returns False if the parent has already ended.
     """
     _libc("prctl", PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(
-            target=_wait_for_end, args=(parent.sentinel,), name="parent", daemon=True
-        ).start()
     return os.getppid() == parent_pid
-
-
-def _wait_for_end(sentinel: int) -> None:
-    connection.wait([sentinel])
-    os.kill(os.getpid(), signal.SIGTERM)
 
 
 def resume_stage(pid: int) -> None:

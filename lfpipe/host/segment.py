@@ -32,6 +32,9 @@ _OWNER = struct.Struct("<8sq")  # magic, length of the path that follows
 _SAFE = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
 
 
+REMEDY = "end that session with the version of lfpipe that started it, then start it again"
+
+
 class WrongSegment(UserError, ValueError):
     """A segment with other contents, or another version, than its reader expects."""
 
@@ -58,7 +61,7 @@ class Segment:
     def check(self, magic: bytes, what: str, size_bytes: int) -> None:
         """Raises WrongSegment, and closes it, if it does not begin with magic or is too short.
 
-        what: its name in words.
+        what: its name for the message.
         """
         begin = bytes(self.buf[: len(magic)])
         if begin == magic and self.size >= size_bytes:
@@ -68,8 +71,7 @@ class Segment:
             f"begins with {begin!r}" if begin != magic else f"has {self.size} bytes of {size_bytes}"
         )
         raise WrongSegment(
-            f"{self.name}: not a {what} of this version (magic {magic!r}): it {contents}",
-            "end that session with the version of lfpipe that started it, then start it again",
+            f"{self.name}: not a {what} of this version (magic {magic!r}): it {contents}", REMEDY
         )
 
     def close(self) -> None:
@@ -97,7 +99,7 @@ attach = Segment  # without a lock, and without the tracker of `multiprocessing`
 def create(name: str, size_bytes: int, run_dir: Path | None = None) -> Segment:
     """Creates a segment, mode 0600, of size_bytes zeros for the session of run_dir.
 
-    Raises UserError if there is no room, or if shared memory cannot be created at all.
+    Raises UserError if there is too little memory, or if shared memory cannot be created at all.
     """
     whole_bytes = -(-size_bytes // PAGE) * PAGE
     try:
@@ -141,7 +143,7 @@ def _create(name: str, whole_bytes: int, run_dir: bytes) -> Segment:
 
 
 def more_room(needed_bytes: int) -> str:
-    """The remedy for too little room."""
+    """The remedy for too little shared memory."""
     return (
         f"mount -o remount,size={max(64, 2 * needed_bytes >> 20)}m {SHM_DIR}, or docker run"
         " --shm-size=128m"

@@ -5,7 +5,6 @@ between processes.
 import contextlib
 import signal
 from collections.abc import Callable, Iterator
-from multiprocessing import resource_tracker
 from types import FrameType
 from typing import Any
 
@@ -19,8 +18,6 @@ def blocked() -> Iterator[None]:
     """Processes started inside the block begin with these signals blocked."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, TERMINAL)
     try:
-        resource_tracker.ensure_running()  # ends with SIGINT unblocked
-        signal.pthread_sigmask(signal.SIG_BLOCK, TERMINAL)
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
@@ -39,8 +36,6 @@ def handled(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
 
     A hang-up stays ignored if it was: a session started with nohup should outlive the terminal.
     """
-    with blocked():
-        pass  # multiprocessing's resource tracker starts outside the terminal's session
     ends = [signal.SIGINT, signal.SIGTERM]
     if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
         ends.append(signal.SIGHUP)

@@ -84,7 +84,7 @@ def protect_output(*names: str) -> None:
 @contextlib.contextmanager
 def opencv_logging(level: int = OPENCV_SILENT) -> Iterator[None]:
     """Drops OpenCV's less severe messages in the whole process meanwhile: the error that follows
-    reports the cause in the user's words.
+    reports the cause to the user.
     """
     import cv2
 

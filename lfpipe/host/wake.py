@@ -1,4 +1,4 @@
-"""Wake-ups: what tells the one reader of a ring that the slot of an 8-byte seq is published. Its
+"""Wake-ups: notify the one reader of a ring that the slot of an 8-byte seq is published. Its
 descriptor goes into the same zmq.Poller as sockets and sentinels. A wake that is not taken yet is
 enough: the ring has the truth.
 """

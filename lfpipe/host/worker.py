@@ -6,10 +6,8 @@ child that the parent is gone. The child prints a JSON object for each step and,
 longer than it wants, keeps little of the output, and survives whatever the child does.
 """
 
-import contextlib
 import json
 import os
-import subprocess
 import sys
 import threading
 import time
@@ -18,14 +16,13 @@ from multiprocessing import connection
 from typing import Any
 
 from lfpipe.errors import UserError
+from lfpipe.host.child import PIPE, Child, Patience, end_with_parent, is_computing, python
 from lfpipe.host.limits import WORKER_THREADS, MemoryLimit, check_threads
 from lfpipe.host.processes import cpu_ns
 
 MAX_LINE_BYTES = 1 << 20  # of the child's output; a longer line is not one of ours
 MAX_LOG_BYTES = 2000  # the end of what the child wrote to stderr
-# of a core: a child that gets less from a busy machine looks like one that hangs
-COMPUTING = 0.03
-LAST_WORDS_S = 0.5  # how long what a child wrote before its end may take to arrive
+LAST_OUTPUT_S = 0.5  # how long what a child wrote before its end may take to arrive
 
 Report = Callable[..., None]  # report(key=value, ...): one line for the parent
 # (request, report) -> result; raises UserError
@@ -44,25 +41,16 @@ class Worker:
     def __init__(self, module: str, request: dict[str, Any], subject: str, limit_s: float) -> None:
         check_threads(WORKER_THREADS)
         self.subject = subject
-        self._limit_s = limit_s
+        self._patience = Patience(limit_s=limit_s, cpu_s=limit_s)
         self._verdict: dict[str, Any] | None = None
-        pipe = subprocess.PIPE
-        # -P: imports nothing from the working directory, which may be anybody's
-        command = [sys.executable, "-P", "-m", module]
-        self._process = subprocess.Popen(command, bufsize=0, stdin=pipe, stdout=pipe, stderr=pipe)
-        assert self._process.stdin and self._process.stdout and self._process.stderr
-        self._stdin = self._process.stdin
-        self._stdout = self._process.stdout
-        self._stderr = self._process.stderr
+        line = json.dumps(request).encode()
+        self._process = Child(python(module), line, stdout=PIPE, stderr=PIPE)
+        self._stdout, self._stderr = self._process.pipes()
         self._open = [self._stdout, self._stderr]  # those that have not ended
         self._rest = self._log = b""  # of the last line, of what it wrote to stderr
         self._step_s = self._look_s = time.monotonic()
         self._step_cpu_ns = self._look_cpu_ns = 0
         self._computes = True
-        for stream in self._open:
-            os.set_blocking(stream.fileno(), False)
-        with contextlib.suppress(BrokenPipeError):  # `result` says how it ended
-            self._stdin.write(json.dumps(request).encode() + b"\n")
 
     def on_step(self, step: dict[str, Any]) -> None:
         """A step of the child, not checked. Subclasses keep what they need."""
@@ -70,17 +58,14 @@ class Worker:
     def _is_stuck(self) -> bool:
         now_s = time.monotonic()
         # whether it computes, by its last quarter of the limit
-        if now_s - self._look_s > self._limit_s / 4:
+        if now_s - self._look_s > self._patience.limit_s / 4:
             used_ns = cpu_ns(self._process.pid)
-            self._computes = (used_ns - self._look_cpu_ns) / 1e9 > COMPUTING * (
-                now_s - self._look_s
-            )
+            span_s = now_s - self._look_s
+            self._computes = is_computing((used_ns - self._look_cpu_ns) / 1e9, span_s)
             self._look_s = now_s
             self._look_cpu_ns = used_ns
-        silent = now_s - self._step_s >= self._limit_s
-        return silent and (
-            not self._computes or self._look_cpu_ns - self._step_cpu_ns >= self._limit_s * 1e9
-        )
+        cpu_s = (self._look_cpu_ns - self._step_cpu_ns) / 1e9
+        return self._patience.exceeded(now_s - self._step_s, cpu_s, self._computes, on_disk=False)
 
     @property
     def fds(self) -> list[int]:
@@ -90,7 +75,7 @@ class Worker:
     @property
     def done(self) -> bool:
         """Whether the child has ended, or has exceeded its time."""
-        return self._process.poll() is not None or self._is_stuck()
+        return self._process.exit_code is not None or self._is_stuck()
 
     def read(self) -> None:
         """Reads the child's output, at most 1 MB of it: an endless writer does not block the
@@ -129,8 +114,7 @@ class Worker:
             if self._open:
                 connection.wait(self.fds, 0.1)
             else:
-                with contextlib.suppress(subprocess.TimeoutExpired):
-                    self._process.wait(0.1)
+                self._process.wait(0.1)
             self.read()
 
     def result(self) -> dict[str, Any]:
@@ -138,14 +122,14 @@ class Worker:
 
         Raises UserError if it refused, failed or took too long.
         """
-        ended = self._process.poll()
+        ended = self._process.exit_code
         self.read()
-        while ended is not None and self._open and connection.wait(self.fds, LAST_WORDS_S):
+        while ended is not None and self._open and connection.wait(self.fds, LAST_OUTPUT_S):
             self.read()
         self.close()
         if ended is None:
             raise UserError(
-                f"{self.subject}: no progress within {self._limit_s:g} s",
+                f"{self.subject}: no progress within {self._patience.limit_s:g} s",
                 "check its disk or network drive",
             )
         verdict = self._verdict or {}
@@ -162,10 +146,7 @@ class Worker:
 
     def close(self) -> None:
         """Kills the child."""
-        self._process.kill()
-        self._process.wait()
-        for stream in (self._stdin, self._stdout, self._stderr):
-            stream.close()
+        self._process.close()
         self._open.clear()
 
 
@@ -184,7 +165,7 @@ def serve(work: Serve, memory_bytes: int) -> None:
                 data = data[os.write(out, data) :]
 
     request = json.loads(sys.stdin.buffer.readline())
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    end_with_parent()
     with MemoryLimit(memory_bytes):
         try:
             report(ok=True, result=work(request, report))
@@ -194,9 +175,3 @@ def serve(work: Serve, memory_bytes: int) -> None:
             message = f"reading it needs more than {memory_bytes >> 20} MB of memory"
             report(ok=False, error=message, remedy="use smaller or fewer pictures")
     os._exit(0)  # the thread still blocks in read
-
-
-def _end_with_parent() -> None:
-    while os.read(0, 4096):
-        pass
-    os._exit(1)

@@ -20,20 +20,35 @@ import cv2
 
 from lfpipe import config, log
 from lfpipe.capture.camera_list import CameraDevice, asking, cameras
+from lfpipe.capture.spec import KINDS
 from lfpipe.config.user_files import commented
-from lfpipe.errors import UserError
+from lfpipe.errors import UserError, redacted
 from lfpipe.files.output import MARK, check_output, write_output
 from lfpipe.files.safe_files import PRIVATE
 from lfpipe.host import segment
 from lfpipe.host.files import is_missing
 from lfpipe.host.machine import install_command, versions
 from lfpipe.host.processes import usable_cores
-from lfpipe.plugins import DISPLAYS, ENGINES, FILTERS, GROUPS, LAYOUTS, guarded, load, plugins
+from lfpipe.plugins import (
+    COMMANDS,
+    DISPLAYS,
+    ENGINES,
+    FILTERS,
+    GROUPS,
+    LAYOUTS,
+    REQUESTS,
+    SOURCES,
+    STAGES,
+    guarded,
+    load,
+    plugins,
+)
 from lfpipe.render.display.open_display import BUILT_IN as DISPLAY_NAMES
 from lfpipe.render.display.open_display import has_display
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts import RESULTS, built_in
 from lfpipe.supervisor import rundir
+from lfpipe.supervisor.requests import HANDLERS
 from lfpipe.track import models
 from lfpipe.transport.session import Session
 
@@ -73,6 +88,10 @@ BUILT_IN: dict[str, Callable[[], Collection[str]]] = {  # names that no plug-in 
     ENGINES: lambda: config.choices("track.engine"),
     FILTERS: lambda: config.choices("track.filter"),
     DISPLAYS: lambda: DISPLAY_NAMES,
+    SOURCES: lambda: KINDS,
+    COMMANDS: tuple,  # a built-in one keeps its name
+    STAGES: tuple,
+    REQUESTS: lambda: HANDLERS,
 }
 
 
@@ -281,7 +300,7 @@ def write_report(path: Path, results: list[Check]) -> None:
         ),
     }
     try:
-        contents["config.toml"] = commented(config.load())
+        contents["config.toml"] = redacted(commented(config.load()))
     except UserError as error:
         contents["config.txt"] = str(error)
     with contextlib.suppress(OSError):

@@ -5,6 +5,7 @@
 import json
 import os
 import sys
+import textwrap
 import time
 from contextlib import closing
 from datetime import timedelta
@@ -18,11 +19,13 @@ from lfpipe.errors import UserError, plain
 from lfpipe.host.terminal import Keyboard
 from lfpipe.monitor.session_reader import Follower, Sample, Watch, ask, snapshot
 from lfpipe.monitor.timeline import begin_trace, finish_trace
+from lfpipe.notices import latency_lines
 from lfpipe.supervisor.metrics import MotionToPhoton, SessionMetrics, StageMetrics
 from lfpipe.supervisor.process_table import SOURCE
 from lfpipe.supervisor.rundir import find
 from lfpipe.transport.control import Message
-from lfpipe.transport.notices import latency_lines
+from lfpipe.transport.histogram import quantiles
+from lfpipe.transport.metrics import Value
 
 STATE_STYLE = {"RUNNING": "green", "STARTING": "yellow", "STOPPING": "yellow", "DEAD": "bold red"}
 WARNING = "bold yellow"
@@ -98,12 +101,31 @@ def state_text(metrics: SessionMetrics, paused: bool = False) -> Text:
     return Text.assemble(*parts, no_wrap=True, overflow="crop")
 
 
+def metric_lines(metrics: SessionMetrics) -> list[str]:
+    """The metrics that each stage declares, without time stamps. At most 80 cells wide."""
+    lines = []
+    for name, stage in metrics.used_stages.items():
+        values = {key: value for key, value in stage.metrics.items() if not key.endswith("_ns")}
+        text = ", ".join(f"{key} {_shown(value)}" for key, value in values.items())
+        lines += textwrap.wrap(f"{name:<8}{text}", 80, subsequent_indent=" " * 8) if text else []
+    return lines
+
+
+def _shown(value: Value) -> str:
+    """A value in a few characters."""
+    if isinstance(value, dict):
+        return quantiles(value, "p50_ms", "p95_ms")
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return "-" if value is None else str(value)
+
+
 def print_state(metrics: SessionMetrics, paused: bool = False) -> None:
     """Prints the state on stdout."""
     head = Text.assemble("session ", (metrics.session, "bold"), "  ")
-    Console(highlight=False, soft_wrap=True).print(
-        head.append_text(state_text(metrics, paused)), end=""
-    )
+    out = head.append_text(state_text(metrics, paused))
+    out.append("".join(f"{plain(line)}\n" for line in metric_lines(metrics)))
+    Console(highlight=False, soft_wrap=True).print(out, end="")
 
 
 def screen_text(name: str, state: Sample | None, note: str = "") -> Text:
@@ -130,8 +152,8 @@ def screen_text(name: str, state: Sample | None, note: str = "") -> Text:
 
 
 def fitted(text: Text, width: int, height: int) -> Text:
-    """The part of text that fits a terminal of that size; its last line then says how much is left
-    out.
+    """The part of text that fits a terminal of that size; its last line then states how much is
+    left out.
     """
     lines = text.split("\n")
     columns = max(line.cell_len for line in lines) - width
@@ -146,7 +168,7 @@ def fitted(text: Text, width: int, height: int) -> Text:
 
 
 def press(name: str, key: str) -> str:
-    """Sends the session what a key means; returns one line for the person, "" for an unknown key.
+    """Runs the command bound to a key; returns a status line, "" for an unknown key.
 
     Raises UserError.
     """

@@ -24,9 +24,9 @@ from lfpipe.transport.status import Table
 
 # of what monitors show: long enough for a p99 at 30 Hz, short enough to see a change
 WINDOW_S = 10.0
-HELLO_S = 0.5  # timeout for the settings; figures need no answer
+HELLO_S = 0.5  # timeout for the settings; metrics need no answer
 Rows = dict[str, NDArray[np.void]]
-HISTOGRAMS = ("wait", "busy", "age", "prediction")
+HISTOGRAMS = ("wait", "busy", "age", "histograms")
 
 
 def ask(name: str, message: Message, timeout_s: float = 2.0) -> Message:
@@ -61,10 +61,11 @@ class Watch:
             ) from None
 
     def read(self, rows: Rows | None = None) -> SessionMetrics:
-        """The figures since the session began, or those in a copy of the table's rows."""
+        """The metrics since the session began, or those in a copy of the table's rows."""
         return session_metrics(
             self.session.name,
             self.table.rows if rows is None else rows,
+            self.table.metrics,
             self.table.session,
             self.manifest.started_ns,
         )
@@ -93,8 +94,9 @@ def _since(row: NDArray[np.void], before: NDArray[np.void]) -> NDArray[np.void]:
     for name in HISTOGRAMS:
         for field in ("count", "sum_ns", "buckets"):
             out[name][field] -= before[name][field]
-        filled = np.flatnonzero(out[name]["buckets"])
-        out[name]["max_ns"] = int(1e3 * MIDDLES_US[filled[-1]]) if len(filled) else 0
+        for histogram in np.atleast_1d(out[name]):
+            filled = np.flatnonzero(histogram["buckets"])
+            histogram["max_ns"] = int(1e3 * MIDDLES_US[filled[-1]]) if len(filled) else 0
     return out
 
 
@@ -103,7 +105,8 @@ class Sample:
     """A session at one moment."""
 
     metrics: SessionMetrics
-    settings: Snapshot | None = None  # None if the session does not answer
+    settings: Snapshot | None = None
+    """None if the session does not answer."""
 
 
 class Follower:
@@ -122,7 +125,7 @@ class Follower:
         self._revision = -1  # of the settings
 
     def read(self) -> Sample | None:
-        """The figures with the times of the last WINDOW_S, and the settings; None without a
+        """The metrics with the times of the last WINDOW_S, and the settings; None without a
         session.
         """
         if self.watch is not None and not self.watch.living():

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config.modes import MouseViewer, RecordedEyes
+from lfpipe.errors import redacted
 from lfpipe.eyes import EYES
 from lfpipe.host.files import exists
 from lfpipe.host.machine import versions
@@ -188,13 +189,15 @@ class Recorder:
         self._reported = self._slow = False
         self._last_ns = 0
         viewer = context.options.viewer
+        camera = context.config.camera
+        camera = attrs.evolve(camera, source=redacted(camera.source))
         self._writer = SequenceWriter(
             folder,
-            viewer.source,
+            redacted(viewer.source),
             self._frames.size_px,
             viewer.rate_hz or context.config.render.nominal_hz,
             versions=versions(),
-            config=attrs.asdict(context.config),
+            config=attrs.asdict(attrs.evolve(context.config, camera=camera)),
         )
         self._store = Store(self._writer, 3 * math.prod(context.config.camera.frame_px))
         if anew:
@@ -225,8 +228,8 @@ class Recorder:
         context = self._context
         store = self._store
         for stamp, t_taken_ns, t_stored_ns in store.results():
-            context.row.tick(stamp.source_seq)
-            context.row.measure(
+            context.row.count_output(stamp.source_seq)
+            context.row.record_latency(
                 t_taken_ns - stamp.t_publish_ns,
                 t_stored_ns - t_taken_ns,
                 t_stored_ns - stamp.t_sensor_ns,
@@ -260,7 +263,7 @@ class Recorder:
                 context.report_lost(f"recording {self._folder}: not completed: {error.strerror}")
             if not self._writer.count:
                 remove_empty(self._folder)
-            context.emit("notice", text=text)
+            context.notify(text)
 
 
 def main(context: Context) -> None:

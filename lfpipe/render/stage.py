@@ -43,7 +43,7 @@ from lfpipe.render.display.refresh import Refresh, ScreenRefresh
 from lfpipe.render.listeners.motion_latency import MotionLatencyRow
 from lfpipe.render.listeners.picture_ring import PictureRing
 from lfpipe.render.listeners.replay_writer import ReplayWriter
-from lfpipe.render.listeners.share_stamps import ShareStamps
+from lfpipe.render.listeners.shown_stamps import ShownStamps
 from lfpipe.render.listeners.status_row import StatusRow
 from lfpipe.render.listeners.tap_messages import TapMessages
 from lfpipe.render.listeners.trace import Trace
@@ -123,7 +123,7 @@ class RenderStage:
             self._viewer = Viewer(
                 self._field,
                 self._config,
-                exhibition=bool(options.kiosk),
+                sways_alone=bool(options.lock_code),
                 neutral_is_fixed=isinstance(options.viewer, MouseViewer | RecordedEyes),
                 helper=helper,
             )
@@ -206,7 +206,7 @@ class RenderStage:
         listeners += (
             TapMessages(context.emit, self._viewer, ViewerState(context.row["viewer"])),
             PictureRing(session.segment),
-            ShareStamps(partial(context.output, "shown")),
+            ShownStamps(partial(context.output, "shown")),
             Trace(self._viewer, trace, began, self._lost),
         )
         for listener in listeners:
@@ -300,8 +300,8 @@ class RenderStage:
                 self._ui.scenes.report(message)
             elif word == "preview":
                 self._ui.scene_page.add(message)
-            elif not word:
-                self._ui.handle(message)
+        for answer in context.answers():
+            self._ui.handle(answer)
 
     def _open_scene(self, other_pack: bool, completed: bool, turned: bool) -> None:
         """Shows the scene of the settings in force.

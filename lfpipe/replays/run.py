@@ -224,7 +224,7 @@ def replay(
     pace: step, max, recorded or a rate in Hz. pictures: store some for comparison. Raises UserError
     for a user's mistake, ReplayFailed if a stage fails.
     """
-    from lfpipe.supervisor.live_session import SOURCE_ENDED
+    from lfpipe.supervisor.effects import EndKind
     from lfpipe.supervisor.supervisor import run_session
     from lfpipe.transport.session import Session
 
@@ -245,7 +245,7 @@ def replay(
     outcome = run_session(Session(f"replay.{os.getpid()}"), config, options, tell)
     if outcome.user_error:
         raise UserError(outcome.failure or outcome.reason, outcome.remedy)
-    if outcome.failure or outcome.reason != SOURCE_ENDED:
+    if outcome.failure or outcome.kind is not EndKind.SOURCE_ENDED:
         raise ReplayFailed(outcome.failure or outcome.reason)
     assert outcome.final is not None
     report = make_report(sequence, field, config, pace, folder, outcome.final)

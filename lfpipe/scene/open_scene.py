@@ -5,7 +5,7 @@ import logging
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import attrs
 
@@ -15,7 +15,7 @@ from lfpipe.host.files import is_dir
 from lfpipe.host.worker import Worker
 from lfpipe.scene.cache import cache_dir, packed
 from lfpipe.scene.demo import demo_scene, named_scene
-from lfpipe.scene.lightfield import LightField
+from lfpipe.scene.lightfield import LightField, Manifest
 from lfpipe.scene.pack import open_pack
 from lfpipe.scene.source import Progress
 
@@ -23,7 +23,6 @@ log = logging.getLogger(__name__)
 
 SILENT_S = 60.0  # without a step: a large picture on a slow disk
 ScenePath = str | os.PathLike[str]
-T = TypeVar("T")
 
 
 def _plain(paths: Sequence[ScenePath]) -> tuple[str, ...]:
@@ -34,16 +33,14 @@ def _plain(paths: Sequence[ScenePath]) -> tuple[str, ...]:
 class PackerRequest:
     """A request for the packer."""
 
-    # pack the first scene, examine it, make previews of all, or make a light field of a video
-    do: Literal["pack", "info", "previews", "make"] = "pack"
+    # pack the first scene, examine it, or make previews of all
+    do: Literal["pack", "info", "previews"] = "pack"
     scenes: tuple[str, ...] = attrs.field(converter=_plain)
     settings: config.Scene
     # pack: whether folders of light fields stand for what is in them
     expand: bool = False
     # pack: whether to note the scene as recent
     remember: bool = False
-    # make: folder of the light field
-    out: str = ""
     # pack: "module:function" that scores the methods on a LightField, -> {method: PSNR in dB}; the
     # packages that draw are above this one. "": the method is chosen without scores
     scorer: str = ""
@@ -157,19 +154,13 @@ def absolute_path(path: Path, settings: config.Scene) -> Path:
     return named_scene(path, cache_dir(settings)).resolve()
 
 
-def ask_packer(
-    kind: type[T],
-    path: Path,
-    settings: config.Scene,
-    progress: Progress | None = None,
-    *,
-    do: Literal["info", "make"],
-    out: str = "",
-) -> T:
-    """The packer's answer, a `kind`, about the scene at path. Raises UserError."""
+def ask_manifest(path: Path, settings: config.Scene, progress: Progress | None = None) -> Manifest:
+    """The manifest of the scene at path, which the packer examines but does not pack.
+
+    Raises UserError.
+    """
     scenes = [named_scene(path, cache_dir(settings))]
-    with contextlib.closing(
-        Packing(PackerRequest(do=do, scenes=scenes, settings=settings, out=out), progress)
-    ) as packing:
+    request = PackerRequest(do="info", scenes=scenes, settings=settings)
+    with contextlib.closing(Packing(request, progress)) as packing:
         packing.wait()
-        return converter().structure(packing.result(), kind)
+        return converter().structure(packing.result(), Manifest)

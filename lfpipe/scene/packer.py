@@ -9,8 +9,8 @@ each a JSON object:
     {"summary": {...}}                          the pack can be shown, still without disparity
     {"log": "..."}                              what was decided, and why
 
-Result: the summary of the pack; the `Manifest` of the scene; nothing after previews, which are
-steps {"preview": path, "data": base 64, "" for none}; or the `Slide`.
+Result: the summary of the pack; the `Manifest` of the scene; or nothing after previews, which are
+steps {"preview": path, "data": base 64, "" for none}.
 """
 
 import base64
@@ -29,7 +29,6 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Scene, converter
 from lfpipe.errors import UserError
-from lfpipe.extras.phone.slide import make_slide
 from lfpipe.files.decoding import fit_area
 from lfpipe.host.files import is_dir
 from lfpipe.host.worker import Report, serve
@@ -87,8 +86,6 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
             os.nice(NICE)  # from now on it works beside the session that shows the pack
         report(summary=attrs.asdict(summarize(open_pack(pack, settings.invert_depth))))
 
-    if asked.do == "make":
-        return attrs.asdict(make_slide(paths[0], Path(asked.out), progress))
     if asked.do == "previews":
         for path in paths:
             report(preview=str(path), data=_preview(path, settings))

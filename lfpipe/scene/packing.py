@@ -16,8 +16,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-import lfpipe
 from lfpipe import config
+from lfpipe._version import __version__
 from lfpipe.errors import plain
 from lfpipe.host import file_lock
 from lfpipe.host.processes import usable_cores
@@ -125,7 +125,7 @@ def manifest_of(scene: Examined, key: str = "") -> Manifest:
     path = source.path.resolve()
     return Manifest(
         complete=False,
-        lfpipe=lfpipe.__version__,
+        lfpipe=__version__,
         key=key,
         name=plain(path.stem if source.path.is_file() else path.name, 300),
         source=plain(str(path), 10_000),

@@ -1,9 +1,10 @@
-"""Runs before and after the `main` of every stage's process: signals, death with the parent, cores,
-error reports.
+"""A stage's process, `python -m lfpipe.supervisor.child`: signals, end with the parent, cores and
+error reports, around the stage's `main`. It reads its `StageSpec` from standard input.
 """
 
 import faulthandler
 import importlib
+import json
 import logging
 import os
 import signal
@@ -14,9 +15,11 @@ from types import FrameType
 from typing import NoReturn, TextIO
 
 from lfpipe import log
+from lfpipe.config import converter
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import write_file
 from lfpipe.host import processes, signals
+from lfpipe.host.child import end_with_parent
 from lfpipe.host.terminal import protect_output
 from lfpipe.supervisor import rundir
 from lfpipe.transport.context import Context
@@ -29,19 +32,27 @@ EXIT_TERMINATED = 128 + signal.SIGTERM  # as a shell reports it
 
 
 def crash_report_path(run_dir: Path, what: str, stage: str) -> Path:
-    """The file in which a stage leaves a user's mistake ("error"), or its "stack" when it hangs (on
+    """The file to which a stage writes a user's mistake ("error"), or its "stack" when it hangs (on
     SIGUSR1), fails or crashes.
     """
     return run_dir / f"{what}.{stage}"
 
 
-def run(spec: StageSpec, parent_pid: int) -> None:
-    """Entry of a spawned process."""
+def start_line(spec: StageSpec) -> bytes:
+    """What a stage's process reads first."""
+    return json.dumps([os.getpid(), converter().unstructure(spec)]).encode()
+
+
+def main() -> None:
+    """Entry of the process."""
     # the terminal sends signals to the whole group; only the supervisor acts on them
     signals.ignore()
     protect_output("stdout", "stderr")
+    parent_pid, plain = json.loads(sys.stdin.buffer.readline())
+    end_with_parent()
     if not processes.end_with_parent(parent_pid):
         return
+    spec = converter().structure(plain, StageSpec)
     processes.set_up(f"lfpipe-{spec.name}")
     run_dir = spec.session.run_dir
     stack = crash_report_path(run_dir, "stack", spec.name).open("w")
@@ -71,10 +82,7 @@ def _run_stage(spec: StageSpec, parent_pid: int, run_dir: Path, stack: TextIO) -
         importlib.import_module(spec.module).main(context)
     except UserError as error:
         logger.info("%s: %s", spec.name, error)
-        text = f"{error.message}\n{error.remedy}"
-        write_file(
-            crash_report_path(run_dir, "error", spec.name), text.encode(errors="backslashreplace")
-        )
+        write_file(crash_report_path(run_dir, "error", spec.name), error.to_json())
         code = EXIT_USER
     except Exception:
         logger.exception("%s failed", spec.name)
@@ -93,3 +101,7 @@ def _run_stage(spec: StageSpec, parent_pid: int, run_dir: Path, stack: TextIO) -
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code)  # threads of libraries (MediaPipe, SDL) must not block the exit
+
+
+if __name__ == "__main__":
+    main()

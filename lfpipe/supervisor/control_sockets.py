@@ -3,7 +3,7 @@ not interpret requests. Nothing here blocks, whatever bytes arrive.
 """
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +25,13 @@ SLICE_NS = 20 * MS_NS
 class Request:
     """A message of a client, not checked before `decode`."""
 
-    client: bytes  # the identity of its socket; a stage's is the stage's name
-    connection: int = -1  # descriptor of its connection, -1 if unknown
+    client: bytes
+    """The identity of its socket; a stage's is the stage's name."""
+    connection: int = -1
+    """Descriptor of its connection, -1 if unknown."""
     parts: list[bytes] = attrs.field(factory=list)
-    message: Message = attrs.field(factory=dict)  # as far as it can be read
+    message: Message = attrs.field(factory=dict)
+    """As far as it can be read."""
 
     @property
     def command(self) -> str:
@@ -82,11 +85,9 @@ class ControlSockets:
         for socket in (self._ctl, self._bus, self._tap):
             socket.close()
 
-    def register(self, poller: zmq.Poller) -> None:
-        """Registers the sockets that should wake the supervisor now."""
-        sockets = () if self.rest_ns() else (self._ctl, self._bus)
-        for source in (*sockets, self._events):
-            poller.register(source, zmq.POLLIN)
+    def pollable(self) -> Sequence[zmq.Socket[bytes]]:
+        """The sockets that should wake the supervisor now."""
+        return (self._events,) if self.rest_ns() else (self._ctl, self._bus, self._events)
 
     def rest_ns(self) -> int:
         """Time until more messages may be read."""
@@ -109,7 +110,7 @@ class ControlSockets:
 
     def _arrived(self, socket: zmq.Socket[bytes]) -> Iterator[list[zmq.Frame]]:
         """At most SLICE messages, as their parts. After so many, the sockets rest: a flood delays
-        neither frames nor other clients, whom ZeroMQ serves in turn, and waits in its senders.
+        neither frames nor other clients, and waits in its senders.
         """
         if self.rest_ns():
             return
@@ -119,8 +120,12 @@ class ControlSockets:
             yield socket.recv_multipart(copy=False)
         self._rests_until_ns = now_ns() + SLICE_NS
 
-    def connected(self) -> set[int]:
-        """The connections that are open now. Call it after `requests`: a request may come over a
+    def connections(self) -> set[int]:
+        """The connections that were open at the last call of `update_connections`."""
+        return self._open
+
+    def update_connections(self) -> None:
+        """Notes which connections are open. Call it after `requests`: a request may come over a
         connection with the number of one whose end is not processed yet.
         """
         while self._tap.poll(0):
@@ -129,7 +134,6 @@ class ControlSockets:
             event = parse_monitor_message(self._events.recv_multipart())
             change = self._open.add if event["event"] == zmq.EVENT_ACCEPTED else self._open.discard
             change(event["value"])
-        return self._open
 
     def answer(self, request: Request, rev: int, answer: Message) -> None:
         """Answers a request; the answer repeats its `id` and `cmd`. rev: of the state."""

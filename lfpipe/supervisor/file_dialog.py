@@ -2,12 +2,15 @@
 
 import os
 import shutil
-import subprocess
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 
 from lfpipe.errors import UserError
+from lfpipe.host.child import NULL, PIPE, Child
 from lfpipe.supervisor.control_sockets import Request
+from lfpipe.supervisor.effects import Effect, Respond, Service
+from lfpipe.supervisor.requests import on_chosen
+from lfpipe.supervisor.session_state import SessionState
 
 MAX_PATH_BYTES = 1 << 16  # of a dialog's output; the longest path has 4096
 ALREADY_OPEN = UserError("a file dialog is already open", "choose there, or cancel it")
@@ -33,12 +36,15 @@ def dialog_command(folder: bool) -> list[str]:
     raise NO_DIALOG
 
 
-class FileDialog:
-    """The dialog that is open, if any."""
+class FileDialog(Service):
+    """The dialog that is open, if any. connections: those that are open now."""
 
-    def __init__(self) -> None:
+    guarded = True
+
+    def __init__(self, connections: Callable[[], Collection[int]]) -> None:
+        self._connections = connections
         self._request: Request | None = None
-        self._process: subprocess.Popen[bytes] | None = None
+        self._process: Child | None = None
         self._output = b""
 
     def open(self, request: Request, folder: bool) -> None:
@@ -47,13 +53,7 @@ class FileDialog:
             raise ALREADY_OPEN
         command = dialog_command(folder)
         try:
-            self._process = subprocess.Popen(
-                command,
-                bufsize=0,
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-            )
+            self._process = Child(command, stdout=PIPE, stderr=NULL)
         except OSError as error:
             raise UserError(f"{command[0]}: {error.strerror}", NO_DIALOG.remedy) from None
         self._request = request
@@ -62,22 +62,26 @@ class FileDialog:
     @property
     def fds(self) -> list[int]:
         """Descriptors that wake the supervisor."""
-        stdout = self._process.stdout if self._process else None
-        return [stdout.fileno()] if stdout else []
+        return [pipe.fileno() for pipe in self._process.pipes()] if self._process else []
 
-    def update(self, connections: Collection[int]) -> tuple[Request, str] | None:
+    def update(self, state: SessionState, t_ns: int) -> Iterator[Effect]:
+        if chosen := self.chosen():
+            request, path = chosen
+            request.message, reply = on_chosen(request.message, path)
+            yield Respond(request, reply)
+
+    def chosen(self) -> tuple[Request, str] | None:
         """The request and the chosen path once the dialog has ended, "" if it was cancelled. Closes
-        the dialog of a client that is not among these connections any more.
+        the dialog of a client that has disconnected.
         """
         process, request = self._process, self._request
         if process is None or request is None:
             return None
-        if request.connection not in connections:
+        if request.connection not in self._connections():
             self.close()
             return None
-        assert process.stdout is not None
-        os.set_blocking(process.stdout.fileno(), False)
-        data = process.stdout.read(MAX_PATH_BYTES)  # None while there is nothing to read
+        (stdout,) = process.pipes()
+        data = stdout.read(MAX_PATH_BYTES)  # None while there is nothing to read
         self._output = (self._output + (data or b""))[:MAX_PATH_BYTES]
         if data != b"":
             return None
@@ -87,8 +91,6 @@ class FileDialog:
 
     def close(self) -> None:
         """Closes the dialog."""
-        if self._process is not None and self._process.stdout is not None:
-            self._process.kill()
-            self._process.wait()
-            self._process.stdout.close()
+        if self._process is not None:
+            self._process.close()
         self._process = self._request = None

@@ -22,16 +22,15 @@ from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.status import State
 
-# a viewer notices lag at once, and is disturbed more by a level that comes and goes than by a lower
-# one
+# a viewer notices lag at once; a level that changes often disturbs more than a lower one
 LAG_S, ROOM_S = 0.5, 5.0
 LONGEST_S = 300.0  # longest wait before a higher level is tried
-# of the outputs due; one or two frames in half a second are the scheduler's fault, not lag
+# of the outputs due; one or two frames in half a second are due to the scheduler
 LATE_SHARE = 0.1
 FULL_SHARE, ROOM_SHARE = 0.9, 0.6  # of the time spent working: more is lag, less is room
 FORGET = 0.5  # s of lag that one second without lag cancels
 HICCUP_S = 0.25  # limit of one sample: a process that was stopped or starved once does not lag
-SPOILT = 5.0  # s of room that one second without room cancels
+ROOM_LOSS = 5.0  # s of room that one second without room cancels
 SILENT_S = 1.0  # after this time without output, it is unknown whether a stage has room
 GAP_S = 1.0  # between two samples: the machine or the supervisor was suspended
 SAMPLE_NS = SECOND_NS // 10  # five samples within LAG_S
@@ -42,14 +41,14 @@ Rows = Mapping[str, NDArray[np.void]]
 
 @attrs.frozen
 class Load:
-    """A stage's work within span_s.
-
-    done: completed outputs. missed: outputs that were due but never made.
-    """
+    """A stage's work within a span of time."""
 
     done: int = 0
+    """Completed outputs."""
     missed: int = 0
+    """Outputs that were due but never made."""
     busy_ns: int = 0
+    """Time spent working."""
     span_s: float = 0.0
 
     def plus(self, more: Load) -> Load:
@@ -69,14 +68,14 @@ class Load:
 
 @attrs.frozen
 class Step:
-    """A change of level by one.
-
-    stage: the lagging one, "" when raising. load: its work while it lagged.
-    """
+    """A change of level by one."""
 
     level: int
+    """The new level."""
     stage: str = ""
+    """The lagging stage; "" when the level is raised."""
     load: Load = Load()
+    """The work of the stage while it lagged."""
 
     @property
     def reason(self) -> str:
@@ -94,13 +93,14 @@ class Step:
 
 @attrs.define
 class _Stage:
-    """silent: the work since it last made or missed something. lag_s: how long it has lagged,
-    lagging: its work meanwhile.
-    """
+    """What the governor knows of a stage."""
 
     silent: Load = Load()
+    """Its work since it last made or missed an output."""
     lag_s: float = 0.0
+    """How long it has lagged."""
     lagging: Load = Load()
+    """Its work meanwhile."""
 
     def take(self, sample: Load) -> bool | None:
         """Adds a sample; returns whether there was room, None if unknown."""
@@ -136,7 +136,7 @@ class Governor:
     def update(self, t_ns: int, loads: Mapping[str, Load]) -> Step | None:
         """Adds the work of every stage since the last sample; returns the resulting step, if any.
 
-        After a gap it begins anew: a stage has started, the machine was suspended, ...
+        Starts over after a gap: a stage has started, the machine was suspended, ...
         """
         dt_s = (t_ns - self._t_ns) / 1e9
         self._t_ns = t_ns
@@ -148,7 +148,7 @@ class Governor:
             for name, load in loads.items()
         ]
         if False in rooms:
-            self._room_s = max(0.0, self._room_s - SPOILT * dt_s)
+            self._room_s = max(0.0, self._room_s - ROOM_LOSS * dt_s)
         elif rooms and None not in rooms:
             self._room_s += dt_s
         relieved = self._relieves[self.level] if self.level < len(self._relieves) else ()

@@ -10,53 +10,68 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.host.processes import usable_cores
-from lfpipe.render.viewer.presence import ViewerState
+from lfpipe.notices import notices
 from lfpipe.supervisor.process_table import CORE, SHOWN_BY, SOURCE, TRACKED_BY
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.histogram import Times, summary_ms
-from lfpipe.transport.notices import notices
-from lfpipe.transport.status import State, busy_words, rate_hz
+from lfpipe.transport.metrics import MetricSet
+from lfpipe.transport.status import State, busy_work, rate_hz
 
 BUSY_SHOWN_S = 0.5  # shorter work is not shown
+SEATED = "seated"  # the viewer of a session without pictures, while tracking sees a face
 
 
 @attrs.frozen(kw_only=True)
 class StageMetrics:
     """One stage."""
 
-    state: str  # a name of `State`
-    busy_with: str  # the work that blocks it, and since when; "" if none
-    fps: float  # outputs per second
-    # of its busy time
+    state: str
+    """A name of `State`."""
+    busy_with: str
+    """The work that blocks it, and for how long; "" if none."""
+    fps: float
+    """Outputs per second."""
     p50_ms: float
+    """Of its busy time."""
     p95_ms: float
     p99_ms: float
     max_ms: float
-    wait: Times  # from publication by the previous stage until taken by this one
-    busy: Times  # from taken to published
-    dropped: int  # inputs that it lost
-    count: int  # outputs
+    wait: Times
+    """From publication by the previous stage until taken by this one."""
+    busy: Times
+    """From taken to published."""
+    dropped: int
+    """Inputs that it lost."""
+    count: int
+    """Outputs."""
     pid: int
-    left_out: int  # inputs left out on purpose
-    missed: int  # refreshes of the display without a picture from it
+    left_out: int
+    """Inputs left out on purpose."""
+    missed: int
+    """Refreshes of the display without a picture from it."""
     restarts: int
     cpu_s: float
     face: bool
-    cpus: list[int]  # the cores that it may use now
-    # of a monitor that watches for a while
+    """Whether its newest input showed a face."""
+    cpus: list[int]
+    """The cores that it may use now."""
+    metrics: dict[str, Any]
+    """The metrics that it declares, by name: of type `transport.metrics.Value`."""
     cpu_percent: float | None = None
+    """Of a monitor that watches for a while."""
     rss_mb: float | None = None
 
     @classmethod
-    def of(cls, row: NDArray[np.void]) -> "StageMetrics":
-        """The figures in a row of the table."""
+    def of(cls, row: NDArray[np.void], declared: MetricSet) -> "StageMetrics":
+        """The metrics in a row of the table."""
         busy = summary_ms(row["busy"])
-        words = busy_words(row)
+        metrics = declared.read(row)
+        work = busy_work(row)
         since_s = (now_ns() - int(row["busy_since_ns"])) / 1e9
         pid = int(row["pid"])
         return cls(
             state=State(int(row["state"])).name,
-            busy_with=f"{words}, {since_s:.0f} s" if words and since_s > BUSY_SHOWN_S else "",
+            busy_with=f"{work}, {since_s:.0f} s" if work and since_s > BUSY_SHOWN_S else "",
             fps=round(rate_hz(row), 2),
             p50_ms=busy["p50_ms"],
             p95_ms=busy["p95_ms"],
@@ -71,18 +86,21 @@ class StageMetrics:
             missed=int(row["missed"]),
             restarts=int(row["restarts"]),
             cpu_s=round(int(row["cpu_ns"]) / 1e9, 2),
-            face=bool(row["face"]),
+            face=bool(metrics.get("face")),
             cpus=usable_cores(pid) if pid else [],
+            metrics=metrics,
         )
 
 
 @attrs.frozen(kw_only=True)
 class Judder:
-    """Refreshes of a screen that reports its blanks."""
+    """Refreshes of a screen that reports its vertical blanks."""
 
     planned: int
-    juddered: int  # those that showed another picture than planned
-    percent: float | None  # None if no screen reports its blanks
+    juddered: int
+    """Those that showed another picture than planned."""
+    percent: float | None
+    """None if no screen reports its vertical blanks."""
 
 
 @attrs.frozen(kw_only=True)
@@ -100,16 +118,23 @@ class SessionMetrics:
     session: str
     uptime_s: float
     camera_fps: float
-    camera_light: str  # words if the camera delivers clearly fewer frames than agreed
-    level: int  # of quality; 0 is full
+    camera_light: str
+    """A warning if the camera delivers clearly fewer frames than agreed."""
+    level: int
+    """Of quality; 0 is full."""
     lowest_level: int
-    level_words: str  # what is reduced; perhaps of another level during a change
-    viewer: str  # a word of `ViewerState`
-    notices: list[str]  # for people
+    level_words: str
+    """What is reduced; perhaps of another level during a change."""
+    viewer: str
+    """The viewer's presence."""
+    notices: list[str]
+    """For people."""
     stages: dict[str, StageMetrics]
-    end_to_end: Times  # age of a picture, from the sensor's stamp to its presentation
+    end_to_end: Times
+    """Age of a picture, from the sensor's stamp to its presentation."""
     judder: Judder
-    prediction: Times  # how far ahead of the sensor's stamp the eyes are predicted
+    prediction: Times
+    """How far ahead of the sensor's stamp the eyes are predicted."""
     motion_to_photon: MotionToPhoton
 
     @property
@@ -128,24 +153,29 @@ EXTRA = ("cpu_percent", "rss_mb")  # present only if known
 
 
 def session_metrics(
-    session: str, rows: Mapping[str, NDArray[np.void]], quality: NDArray[np.void], started_ns: int
+    session: str,
+    rows: Mapping[str, NDArray[np.void]],
+    declared: Mapping[str, MetricSet],
+    quality: NDArray[np.void],
+    started_ns: int,
 ) -> SessionMetrics:
-    """The figures of a session. rows: of the stages, dtype ROW. quality: dtype SESSION."""
-    source, display = rows[SOURCE], rows[SHOWN_BY]
-    viewer = ViewerState(int(display["viewer"]))
-    # without pictures, no stage follows the viewer
-    if display["state"] == State.NONE and rows[TRACKED_BY]["face"]:
-        viewer = ViewerState.SEATED
-    level = int(quality["level"])
-    words = quality["words"].item().decode(errors="replace")
-    planned, juddered = int(display["planned"]), int(display["juddered"])
-    light = f"too little light for {int(source['nominal_mhz']) / 1000:.3g} Hz"
-    now = notices(rows, SOURCE, SHOWN_BY)
+    """The metrics of a session. rows, declared: of the stages, as a `status.Table` has them.
+    quality: dtype SESSION.
+    """
     stages = {
-        name: StageMetrics.of(row)
+        name: StageMetrics.of(row, declared[name])
         for name, row in rows.items()
         if name in CORE or row["state"] != State.NONE
     }
+    source: dict[str, Any] = stages[SOURCE].metrics
+    display: dict[str, Any] = stages[SHOWN_BY].metrics
+    # without pictures, no stage follows the viewer
+    follows = stages[SHOWN_BY].state != State.NONE.name or not stages[TRACKED_BY].face
+    level = int(quality["level"])
+    description = quality["words"].item().decode(errors="replace")
+    planned, juddered = display["planned"], display["juddered"]
+    light = f"too little light for {source['nominal_mhz'] / 1000:.3g} Hz"
+    now = [notice.text for notice in notices(rows, SOURCE, SHOWN_BY, display["t_face_ns"])]
     return SessionMetrics(
         session=session,
         uptime_s=round((now_ns() - started_ns) / 1e9, 2),
@@ -153,19 +183,18 @@ def session_metrics(
         camera_light=light if source["dim"] else "",
         level=level,
         lowest_level=int(quality["lowest"]),
-        level_words=words,
-        viewer=viewer.word,
-        notices=[*now, f"quality lowered: {words}"] if level else now,
+        level_words=description,
+        viewer=display["viewer"] if follows else SEATED,
+        notices=[*now, f"quality lowered: {description}"] if level else now,
         stages=stages,
-        end_to_end=summary_ms(display["age"]),
+        end_to_end=summary_ms(rows[SHOWN_BY]["age"]),
         judder=Judder(
             planned=planned,
             juddered=juddered,
             percent=round(100 * juddered / planned, 3) if planned else None,
         ),
-        prediction=summary_ms(display["prediction"]),
+        prediction=display["prediction"],
         motion_to_photon=MotionToPhoton(
-            onset_ms=round(int(display["onset_ns"]) / 1e6, 2) or None,
-            steady_ms=round(int(display["steady_ns"]) / 1e6, 2) or None,
+            onset_ms=display["onset_ms"], steady_ms=display["steady_ms"]
         ),
     )

@@ -12,20 +12,23 @@ from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.control import Message
 
 APPLY_NS = SECOND_NS  # time limit for the stages to apply a change before the answer
+OF_THE_MESSAGE = ("v", "cmd", "number", "id")  # not of the answer
 EXECUTE_NS = 2 * SECOND_NS  # time limit for the stages to execute a command
 
 
 @attrs.define(kw_only=True)
 class _Pending:
-    """A request that waits for the stages. answer: its answer, as far as it is known. rev: the
-    revision that they apply; 0 if they execute a command. missing: those that have not executed it.
-    """
+    """A request that waits for the stages."""
 
     request: Request
     answer: Message
+    """Its answer, as far as it is known."""
     until_ns: int
+    """When it is answered at the latest."""
     rev: int = 0
+    """The revision that the stages apply; 0 if they execute a command."""
     missing: set[str] = attrs.field(factory=set)
+    """The stages that have not executed it."""
 
 
 class PendingAnswers:
@@ -53,17 +56,20 @@ class PendingAnswers:
         return number
 
     def executed(self, stage: str, message: Message) -> None:
-        """Takes a stage's answer: `number`, `ok`, and what else its client receives."""
+        """Takes a stage's answer: `number`, `ok`, and what else its client receives: its values
+        under `stages` and the stage's name, and the first refusal.
+        """
         number = message.get("number")
         pending = self._pending.get(number) if isinstance(number, int) else None
         if pending is None or stage not in pending.missing:
             return
         pending.missing.discard(stage)
-        result = {
-            key: value for key, value in message.items() if key not in ("v", "cmd", "number", "id")
-        }
-        refusal = {} if pending.answer["ok"] else pending.answer  # the first one stays
-        pending.answer = {**pending.answer, **result, **refusal}
+        result = {key: value for key, value in message.items() if key not in OF_THE_MESSAGE}
+        if not result.pop("ok"):
+            pending.answer = {"ok": False, **result} if pending.answer["ok"] else pending.answer
+        elif result and pending.answer["ok"]:
+            stages = {**pending.answer.get("stages", {}), stage: result}
+            pending.answer = {**pending.answer, "stages": stages}
 
     def refuse_changes(self, why: str) -> Iterator[tuple[Request, Message]]:
         """The answers to all that wait for a change: it was rolled back."""

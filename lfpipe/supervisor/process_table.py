@@ -1,16 +1,21 @@
-"""The process table: a stage is one row here and one module with `main(context)`. No other module
-of this room names a stage.
+"""The process table: a stage is one row here, or an entry point of the group `lfpipe.stages`, and
+one module with `main(context)`. No other module of this package names a stage.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
-import attrs
 import numpy as np
 
+from lfpipe.capture.metrics import METRICS as CAPTURE_METRICS
 from lfpipe.config import Config, SessionOptions
 from lfpipe.config.modes import MouseViewer
 from lfpipe.eyes import EYES, SHOWN
+from lfpipe.plugins import STAGES as PLUGGED
+from lfpipe.plugins import declared
+from lfpipe.render.metrics import METRICS as RENDER_METRICS
+from lfpipe.supervisor.stage_row import Stage as Stage
+from lfpipe.track.metrics import METRICS as TRACK_METRICS
 from lfpipe.transport.packet_ring import packet_dtype
 from lfpipe.transport.ring import RingSpec
 
@@ -20,39 +25,26 @@ def _feeds(options: SessionOptions) -> bool:
     return options.viewer.tracked or records
 
 
-@attrs.frozen(kw_only=True)
-class Stage:
-    """A process. needed: whether a session with these options runs it.
-
-    optional: few sessions run it, and no picture waits for it. own_core: on two cores it avoids the
-    first. startup_timeout_s: from spawn to READY, or to open another scene or camera.
-    hang_timeout_s: longest time without a beat after that.
-    """
-
-    name: str
-    module: str
-    needed: Callable[[SessionOptions], bool]
-    reads: tuple[str, ...] = ()
-    writes: tuple[str, ...] = ()
-    optional: bool = False
-    own_core: bool = False
-    startup_timeout_s: float = 15.0
-    hang_timeout_s: float = 2.0
-
-
 # of a scene's methods, run by the packer, which is below the packages that draw
 SCORER = "lfpipe.render.synthesis.scoring:scores"
 FRAMES_BYTES = 16 << 20  # a recorder may fall behind by the number of slots minus two
 
 
 STAGES: tuple[Stage, ...] = (
-    Stage(name="capture", module="lfpipe.capture.stage", needed=_feeds, writes=("frames",)),
+    Stage(
+        name="capture",
+        module="lfpipe.capture.stage",
+        needed=_feeds,
+        writes=("frames",),
+        metrics=CAPTURE_METRICS,
+    ),
     Stage(
         name="track",
         module="lfpipe.track.stage",
         needed=lambda options: options.viewer.tracked,
         reads=("frames",),
         writes=("eyes",),
+        metrics=TRACK_METRICS,
         own_core=True,
         startup_timeout_s=30.0,
     ),
@@ -62,6 +54,7 @@ STAGES: tuple[Stage, ...] = (
         needed=lambda options: options.show,
         reads=("eyes",),
         writes=("shown",),
+        metrics=RENDER_METRICS,
     ),
     # their work can wait, so it must not disturb capture and render
     Stage(
@@ -72,17 +65,11 @@ STAGES: tuple[Stage, ...] = (
         optional=True,
         own_core=True,
     ),
-    Stage(
-        name="share",
-        module="lfpipe.extras.share.stage",
-        needed=lambda options: bool(options.share),
-        reads=("eyes", "shown"),
-        optional=True,
-        own_core=True,
-    ),
+    *declared(PLUGGED, Stage).values(),
 )
 
 NAMES = tuple(stage.name for stage in STAGES)
+METRICS = {stage.name: stage.metrics for stage in STAGES}
 # The source makes frames, and when it ends by itself, the session ends.
 # The age of pictures is the session's.
 SOURCE, TRACKED_BY, SHOWN_BY = (
@@ -103,11 +90,17 @@ def _frame_ring(config: Config) -> RingSpec:
 
 def rings(config: Config) -> dict[str, RingSpec]:
     """The rings that every session with this configuration has."""
-    return {
-        "frames": _frame_ring(config),
-        "eyes": RingSpec((), EYES, slots=8),
-        "shown": RingSpec((), SHOWN, slots=16),
-    }
+    return {"frames": _frame_ring(config), "eyes": RingSpec((), EYES, slots=8)}
+
+
+# rings of a fixed name that exist from the first time that a stage asks for them
+ON_DEMAND = {"shown": RingSpec((), SHOWN, slots=16)}
+
+
+def asked_for(options: SessionOptions) -> tuple[str, ...]:
+    """The rings of ON_DEMAND that a session with these options needs."""
+    wanted = {ring for stage in STAGES if stage.needed(options) for ring in stage.asks_for(options)}
+    return tuple(sorted(wanted))
 
 
 def picture_ring(height_px: int, width_px: int) -> RingSpec:

@@ -7,17 +7,18 @@ shows it. A refusal is a BadMessage (not a request at all) or a UserError (with 
 changes nothing.
 """
 
+import logging
 from collections.abc import Callable
 from functools import partial
-from typing import Literal
+from typing import Literal, Protocol
 
 import attrs
 
 from lfpipe import config as config_module
 from lfpipe.config import SceneSummary, converter
 from lfpipe.config.modes import MouseViewer
-from lfpipe.errors import UserError, quoted
-from lfpipe.extras.share.target import FORMS, MAX_TARGETS
+from lfpipe.errors import UserError
+from lfpipe.plugins import REQUESTS, guarded, load, plugins
 from lfpipe.scene.open_scene import PackerRequest
 from lfpipe.supervisor.file_checks import FileCheck
 from lfpipe.supervisor.process_table import SCORER, SHOWN_BY, STAGES, TRACKED_BY
@@ -25,8 +26,9 @@ from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.control import BadMessage, Message
 
+logger = logging.getLogger(__name__)
 # outputs that can begin and end while a session runs:
-# request -> the option that holds its path, its name in words, the command that a person types
+# request -> the option that holds its path, its name, the command that a user types
 OUTPUTS = {
     "trace": ("timeline", "trace", "lfpipe trace"),
     "record": ("record", "recording", "lfpipe ctl record"),
@@ -45,14 +47,24 @@ class Reply:
     """
 
     answer: Message = attrs.field(factory=dict)
-    state: SessionState | None = None  # to store; a new revision goes to the stages
-    load: PackerRequest | None = None  # the real reply comes from `on_load`
-    previews: tuple[str, ...] | None = None  # scenes to read for the page that offers them
-    check: FileCheck | None = None  # the real reply comes from `respond_checked`
-    dialog: Literal["folder", "file"] | None = None  # the real reply comes from `on_chosen`
-    executed_by: tuple[str, ...] = ()  # the stages that execute the command, and then answer
-    with_stages: bool = False  # the answer gets the figures of the stages
-    stop: bool = False  # the session ends
+    state: SessionState | None = None
+    """To store; a new revision goes to the stages."""
+    load: PackerRequest | None = None
+    """The real reply comes from `on_load`."""
+    previews: tuple[str, ...] | None = None
+    """Scenes to read for the page that offers them."""
+    check: FileCheck | None = None
+    """The real reply comes from `respond_checked`."""
+    dialog: Literal["folder", "file"] | None = None
+    """The real reply comes from `on_chosen`."""
+    executed_by: tuple[str, ...] = ()
+    """The stages that execute the command, and then answer."""
+    with_stages: bool = False
+    """The answer includes the metrics of the session."""
+    silent: bool = False
+    """Nothing is answered."""
+    stop: bool = False
+    """The session ends."""
 
 
 Handler = Callable[[SessionState, Message, int], Reply]
@@ -63,11 +75,40 @@ def respond(state: SessionState, message: Message, t_ns: int, sender: str = "") 
     BadMessage, UserError.
     """
     command = message.get("cmd")
-    if not isinstance(command, str) or command not in HANDLERS:
-        raise BadMessage(f"unknown command {command!r:.100}; commands are {', '.join(HANDLERS)}")
+    if not isinstance(command, str) or command not in commands():
+        raise BadMessage(f"unknown command {command!r:.100}; commands are {', '.join(commands())}")
     if command in OF_THE_WINDOW and sender != SHOWN_BY:
         raise BadMessage(f"{command}: only the window of the session may send it")
-    return HANDLERS[command](state, message, t_ns)
+    if command in HANDLERS:
+        return HANDLERS[command](state, message, t_ns)
+    return _plugged(command).respond(state, message, t_ns)
+
+
+class RequestPlugin(Protocol):
+    """A control command of another package: an entry point of `lfpipe.requests` of its name."""
+
+    def respond(self, state: SessionState, message: Message, t_ns: int) -> Reply:
+        """As `respond`."""
+        ...
+
+    def check(self, asked: FileCheck) -> Message:
+        """In a child process: what `Reply.check` asks for, as plain values. Raises UserError."""
+        ...
+
+    def respond_checked(self, state: SessionState, message: Message, result: Message) -> Reply:
+        """As `respond_checked`."""
+        ...
+
+
+def commands() -> list[str]:
+    """The control commands, built-in ones first."""
+    return list(dict.fromkeys((*HANDLERS, *plugins(REQUESTS))))
+
+
+def _plugged(command: str) -> RequestPlugin:
+    results = {"respond": Reply, "respond_checked": Reply}
+    plugin: RequestPlugin = guarded(load(REQUESTS, command, HANDLERS), REQUESTS, command, results)
+    return plugin
 
 
 def _set(state: SessionState, message: Message, _t_ns: int) -> Reply:
@@ -162,7 +203,7 @@ def _output(state: SessionState, message: Message, _t_ns: int) -> Reply:
     if not path:
         ended: Message = {option: ""}
         return Reply(answer={"path": running}, state=state.changed(**ended))
-    if command == "record" and not _has_eyes(state):
+    if command == "record" and not has_eyes(state):
         raise UserError(
             "no camera is in use: the scene is a single view",
             "record without a scene: `lfpipe record OUT`",
@@ -173,47 +214,6 @@ def _output(state: SessionState, message: Message, _t_ns: int) -> Reply:
             check=command, path=path, source=options.viewer.source, record=options.record
         )
     )
-
-
-def _share(state: SessionState, message: Message, _t_ns: int) -> Reply:
-    """Adds the targets `start`, or removes the targets `stop` (all, if it is empty)."""
-    start = message.get("start")
-    stop = message.get("stop")
-    running = state.options.share
-    texts = stop if start is None else start
-    if (
-        (start is None) == (stop is None)
-        or not isinstance(texts, list)
-        or not all(isinstance(text, str) for text in texts)
-    ):
-        raise BadMessage("share needs a list of targets, either to start or to stop")
-    if start is not None:
-        if not start:
-            raise UserError("no target given", FORMS)
-        if len(start) > MAX_TARGETS:
-            raise BadMessage(f"share: {len(start)} targets; at most {MAX_TARGETS} are allowed")
-        if not _has_eyes(state):
-            raise UserError(
-                "no eyes are tracked: the scene is a single view",
-                "use `lfpipe up --no-picture --share TARGET`",
-            )
-        return Reply(
-            check=FileCheck(
-                check="share",
-                path=", ".join(start)[:200],
-                targets=tuple(start),
-                running=running,
-            )
-        )
-    if not running:
-        raise UserError("nothing is shared", "start it with `lfpipe ctl share start TARGET`")
-    named = {target: {target, target.partition("?")[0]} for target in running}
-    if unknown := [text for text in texts if not any(text in one for one in named.values())]:
-        raise UserError(
-            f"{quoted(unknown[0])} is not a current target", f"name one of {', '.join(running)}"
-        )
-    left = tuple(target for target in running if texts and named[target].isdisjoint(texts))
-    return Reply(answer={"share": list(left)}, state=state.changed(share=left))
 
 
 def _keep(state: SessionState, message: Message, _t_ns: int) -> Reply:
@@ -240,15 +240,15 @@ def _dialog(state: SessionState, message: Message, _t_ns: int) -> Reply:
     return Reply(dialog="folder" if folder else "file")
 
 
-def on_chosen(state: SessionState, message: Message, path: str) -> tuple[Message, Reply]:
-    """The request of a dialog with the chosen path as its scene, and the reply, which loads it.
+def on_chosen(message: Message, path: str) -> tuple[Message, Callable[[SessionState], Reply]]:
+    """The request of a dialog with the chosen path as its scene, and its reply, which loads it.
 
-    path: "" if the dialog was cancelled. Raises like `respond`.
+    path: "" if the dialog was cancelled.
     """
     if not path:
-        return message, Reply(answer={"path": ""})
+        return message, lambda _: Reply(answer={"path": ""})
     message = {**message, "scene": path}
-    return message, _load(state, message, 0)
+    return message, lambda state: _load(state, message, 0)
 
 
 def respond_checked(state: SessionState, message: Message, result: Message, t_ns: int) -> Reply:
@@ -259,15 +259,14 @@ def respond_checked(state: SessionState, message: Message, result: Message, t_ns
     if message["cmd"] == "keep":
         return Reply(answer={key: message[key] for key in KEPT if key in message})
     respond(state, message, t_ns)  # another client may have started one
-    if message["cmd"] == "share":
-        share = tuple(dict.fromkeys((*state.options.share, *result["targets"])))
-        return Reply(answer={"share": list(share)}, state=state.changed(share=share))
+    if message["cmd"] not in HANDLERS:
+        return _plugged(message["cmd"]).respond_checked(state, message, result)
     option, _, _ = OUTPUTS[message["cmd"]]
     path = message["path"]
     return Reply(answer={"path": path}, state=state.changed(**{option: path}))
 
 
-def _has_eyes(state: SessionState) -> bool:
+def has_eyes(state: SessionState) -> bool:
     """Whether the scene on show needs eyes, and the session has some."""
     return state.options.viewer.tracked or isinstance(state.options.viewer, MouseViewer)
 
@@ -289,7 +288,10 @@ def on_load(
 def on_complete(state: SessionState, scene: SceneSummary) -> SessionState:
     """The state once a scene has its disparity; unchanged if another scene is shown by then."""
     shown = state.options.scene
-    return state.loaded(scene) if shown is not None and shown.pack == scene.pack else state
+    if shown is None or shown.pack != scene.pack:
+        return state
+    logger.info("%s: disparity is complete, method %s", scene.name, scene.method)
+    return state.loaded(scene)
 
 
 def _recentre(state: SessionState, _message: Message, _t_ns: int) -> Reply:
@@ -331,7 +333,6 @@ HANDLERS: dict[str, Handler] = {
     "pictures": _pictures,
     "trace": _output,
     "record": _output,
-    "share": _share,
     "keep": _keep,
     "dialog": _dialog,
     "stop": lambda _state, _message, _t_ns: Reply(stop=True),

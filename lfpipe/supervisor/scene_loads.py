@@ -1,9 +1,10 @@
-"""The packers of a session: one works on the disparity of the scene on the screen, one on the scene
-that a request wants, one on small pictures for the page that offers scenes.
+"""The packers of a session: one for the disparity of the scene on screen, one for a requested
+scene, one for the previews on the page of scenes.
 """
 
 import logging
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,30 +14,33 @@ from lfpipe.config import Scene, SceneSummary
 from lfpipe.host.worker import Worker
 from lfpipe.scene.open_scene import SILENT_S, PackerRequest, Packing
 from lfpipe.supervisor.control_sockets import Request
+from lfpipe.supervisor.effects import Change, Effect, Respond, Service
+from lfpipe.supervisor.requests import Reply, on_complete, on_load
+from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.control import Message
 
 logger = logging.getLogger(__name__)
 STEP_NS = SECOND_NS // 5  # between two reports of progress
 WANTED, SHOWN = "wanted", "shown"  # scenes: of a request, and on the screen
-MAX_NAME_CHARS = 200  # more than a window has room for
+MAX_NAME_CHARS = 200  # more than fits a window
 Send = Callable[[Message], None]  # to the stage that shows pictures
 
 
 @attrs.frozen
 class SceneEvent:
-    """What a packer has come to. request: the one that wants the scene; None for the scene on the
-    screen. scene: it can be shown now, or why it cannot. scenes: the paths of the light fields that
-    the wanted path stands for; the scene is the first.
-    """
+    """A result of a packer."""
 
     request: Request | None
+    """The request for the scene; None for the scene on the screen."""
     scene: SceneSummary | Exception
+    """The scene, which can be shown now, or why it cannot."""
     scenes: tuple[str, ...] = ()
+    """The light fields in the requested path; the scene is the first."""
 
 
 class _Load:
-    """A packer at work, and what was reported of its progress."""
+    """A running packer, and its last reported progress."""
 
     def __init__(self, packing: Packing, send: Send, request: Request | None = None) -> None:
         self.packing = packing
@@ -74,13 +78,22 @@ class _Load:
         return SceneEvent(self.request, views, scenes) if self.request and views else None
 
 
-class SceneLoads:
-    """The packers of both scenes. send: for their progress, a few times a second. packing: the
-    packer of the session's first scene, while it works.
+class SceneLoads(Service):
+    """The packers of both scenes. send: for their progress, a few times a second. connections:
+    those that are open now.
     """
 
-    def __init__(self, send: Send, packing: Packing | None = None) -> None:
+    guarded = True
+
+    def __init__(
+        self,
+        send: Send,
+        connections: Callable[[], Collection[int]],
+        packing: Packing | None = None,
+    ) -> None:
+        """packing: the packer of the session's first scene, while it works."""
         self._send = send
+        self._connections = connections
         self._loads = {} if packing is None else {SHOWN: _Load(packing, send)}
 
     def want(self, request: Request, scene: PackerRequest) -> Request | None:
@@ -95,11 +108,23 @@ class SceneLoads:
         """Descriptors that wake the supervisor."""
         return [fd for load in self._loads.values() for fd in load.packing.fds]
 
-    def update(self, connections: Collection[int]) -> list[SceneEvent]:
+    def update(self, state: SessionState, t_ns: int) -> Iterator[Effect]:
+        for event in self.events():
+            if event.request is not None:
+                yield Respond(
+                    event.request, partial(_reply, event=event, message=event.request.message)
+                )
+            elif isinstance(event.scene, Exception):
+                logger.info("refused: %s", event.scene)
+            else:
+                yield Change(partial(on_complete, scene=event.scene))
+
+    def events(self) -> list[SceneEvent]:
         """Reads what the packers have printed; returns what has happened. Ends the load of a client
-        that is not among these connections any more.
+        that has disconnected.
         """
         events = []
+        connections = self._connections()
         for name in (WANTED, SHOWN):
             load = self._loads.get(name)
             if load is None:
@@ -116,7 +141,7 @@ class SceneLoads:
             events.append(event)
             if isinstance(event.scene, SceneSummary):
                 self._end(SHOWN)
-            if event.scene is load.packing.views:  # the packer goes on with its disparity
+            if event.scene is load.packing.views:  # the packer continues with its disparity
                 load.report(end=True)
                 self._loads = {SHOWN: _Load(load.packing, self._send)}
             else:
@@ -135,8 +160,14 @@ class SceneLoads:
             self._end(name)
 
 
+def _reply(state: SessionState, event: SceneEvent, message: Message) -> Reply:
+    if isinstance(event.scene, Exception):
+        raise event.scene
+    return on_load(state, message, event.scene, event.scenes)
+
+
 class _PreviewReader(Worker):
-    """The packer at work on previews. left: the scenes that have not had their turn yet."""
+    """The packer that reads previews. left: the scenes that are not read yet."""
 
     def __init__(self, scenes: Sequence[str], settings: Scene, send: Send) -> None:
         self.left = list(scenes)
@@ -146,14 +177,16 @@ class _PreviewReader(Worker):
         super().__init__("lfpipe.scene.packer", attrs.asdict(request), scenes[0], SILENT_S)
 
     def on_step(self, step: dict[str, Any]) -> None:
-        """Passes on a preview; the packer also tells what it decided."""
+        """Passes on a preview; other steps are for its log."""
         if "preview" in step:
             self.left.pop(0)
             self._send({"cmd": "preview", "scene": step["preview"], "data": step["data"]})
 
 
-class ScenePreviews:
+class ScenePreviews(Service):
     """Small pictures of the scenes on one page of the window. send: for each, "" for none."""
+
+    guarded = True
 
     def __init__(self, send: Send) -> None:
         self._send = send
@@ -170,8 +203,12 @@ class ScenePreviews:
         """Descriptors that wake the supervisor."""
         return () if self._reader is None else self._reader.fds
 
-    def update(self) -> None:
-        """Passes on what was read; goes on with the next scene if one has ended the child."""
+    def update(self, state: SessionState, t_ns: int) -> Iterator[Effect]:
+        self.read()
+        return iter(())
+
+    def read(self) -> None:
+        """Passes on what was read; continues with the next scene if one has ended the child."""
         reader = self._reader
         if reader is not None:
             reader.read()

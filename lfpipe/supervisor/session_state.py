@@ -1,8 +1,5 @@
 """The state of a session: one frozen value. Every change is a pure function from one state to the
 next.
-
-Rollback: if a stage fails on a change of configuration or scene, the change is undone, and the
-session continues.
 """
 
 from __future__ import annotations
@@ -24,14 +21,9 @@ from lfpipe.config import (
 )
 from lfpipe.config.modes import Lossless, Viewer, watching
 from lfpipe.config.quality import ladder
-from lfpipe.supervisor.child import EXIT_TERMINATED
-from lfpipe.supervisor.process_table import packet_ring, picture_ring
-from lfpipe.transport.clock import SECOND_NS
+from lfpipe.supervisor.process_table import ON_DEMAND, asked_for, packet_ring, picture_ring
 from lfpipe.transport.control import Message
 from lfpipe.transport.ring import RingSpec
-
-# counted after all stages have applied a change; a stage that cannot use it fails sooner
-TRIAL_NS = 2 * SECOND_NS
 
 
 def new_ring(kind: str) -> str:
@@ -54,25 +46,26 @@ class Basis:
 
 @attrs.frozen(kw_only=True)
 class SessionState:
-    """config, options, paused: used by the stages. rev: counts changes. pictures_until_ns: end of
-    the lease of the ring of pictures, 0 without one. pictures_px: (height, width) of that ring.
-    zero_planes_px: of scenes shown before, by pack. known_good: the basis that is known
-    to work.
-    """
+    """The state of a session. The stages use config, options and paused."""
 
     config: Config
     options: SessionOptions
     known_good: Basis = attrs.field(default=attrs.Factory(lambda self: self.basis, takes_self=True))
+    """The basis that is known to work."""
     paused: bool = False
     rev: int = 1
+    """Counts changes."""
     pictures_until_ns: int = 0
+    """End of the lease of the ring of pictures; 0 without one."""
     pictures_px: tuple[int, int] = (0, 0)
+    """(height, width) of that ring."""
     zero_planes_px: Mapping[str, float | Literal["auto"]] = attrs.field(factory=dict)
+    """Of scenes shown before, by pack."""
 
     @classmethod
     def first(cls, config: Config, options: SessionOptions) -> SessionState:
         """The state at the start of a session."""
-        return cls(config=config, options=options)._with_packets()
+        return cls(config=config, options=options)._with_rings()
 
     @property
     def basis(self) -> Basis:
@@ -107,7 +100,7 @@ class SessionState:
 
     def rings(self) -> dict[str, RingSpec]:
         """The on-demand rings that this state needs, by name."""
-        rings: dict[str, RingSpec] = {}
+        rings = {name: ON_DEMAND[name] for name in self.options.asked_for}
         if self.options.pictures:
             rings[self.options.pictures] = picture_ring(*self.pictures_px)
         jpeg_px = self.options.viewer.jpeg_px
@@ -131,7 +124,7 @@ class SessionState:
             new = new._with(scene=new.options.scene.shown_as(config.scene.invert_depth))
         if new.levels != self.levels:
             new = new._with(level=None)
-        return new._with_packets()
+        return new._with_rings()
 
     def _with(self, **options: Any) -> SessionState:
         return attrs.evolve(self, options=attrs.evolve(self.options, **options))
@@ -200,49 +193,12 @@ class SessionState:
             playlist_at=good.playlist_at,
         )
 
-    def _with_packets(self) -> SessionState:
-        """With the ring of JPEGs if a source of JPEGs is recorded, else without it."""
+    def _with_rings(self) -> SessionState:
+        """With the rings that stages ask for, and that of JPEGs if a source of them is recorded."""
+        if (wanted := asked_for(self.options)) != self.options.asked_for:
+            return self._with(asked_for=wanted)._with_rings()
         records_jpegs = bool(self.options.record and self.options.viewer.jpeg_px)
         if records_jpegs == bool(self.options.packets):
             return self
         name = new_ring("packets") if records_jpegs else ""
         return self._with(packets=name)
-
-
-class ConfigRollback:
-    """Watches whether the stages can use the newest change."""
-
-    def __init__(self) -> None:
-        self._since_ns: int | None = None
-        self._outputs: dict[str, int] = {}
-
-    def watch(
-        self, state: SessionState, applied: bool, outputs: Mapping[str, int], t_ns: int
-    ) -> SessionState:
-        """Call often. A change is settled, and the state marked so, when every stage has used it
-        and produced outputs for TRIAL_NS.
-
-        outputs: number of outputs of each stage so far.
-        """
-        if state.basis == state.known_good or not applied:
-            self._since_ns = None
-        elif self._since_ns is None:
-            self._since_ns = t_ns
-            self._outputs = dict(outputs)
-        elif t_ns - self._since_ns >= TRIAL_NS and all(
-            n > self._outputs.get(name, 0) for name, n in outputs.items()
-        ):
-            self._since_ns = None
-            return state.settled()
-        return state
-
-    def to_blame(self, state: SessionState, code: int, applied: bool) -> bool:
-        """Whether a stage that ended with code most likely failed because of the newest change.
-
-        applied: the stage had acknowledged the change; after that, only its own error counts.
-        """
-        own_error = code > 0 and code != EXIT_TERMINATED
-        if state.basis == state.known_good or (applied and not own_error):
-            return False
-        self._since_ns = None
-        return True

@@ -12,7 +12,7 @@ from pathlib import Path
 from lfpipe.host import wake
 from lfpipe.host.segment import SHM_DIR, Segment
 from lfpipe.scene.pack import hold_pack
-from lfpipe.supervisor.process_table import STAGES, consumers, rings
+from lfpipe.supervisor.process_table import METRICS, ON_DEMAND, consumers, rings
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport import control, ring, status
 from lfpipe.transport.ring import RingSpec
@@ -41,9 +41,7 @@ class SessionStore:
         self._rings: dict[str, Segment] = {}
         self._pack = contextlib.ExitStack()
         with contextlib.ExitStack() as undo:
-            self._status = status.create(
-                session.segment("status"), [stage.name for stage in STAGES], session.run_dir
-            )
+            self._status = status.create(session.segment("status"), METRICS, session.run_dir)
             undo.callback(_remove, self._status)
             undo.callback(self._keep, ())
             undo.callback(self._pack.close)
@@ -74,7 +72,8 @@ class SessionStore:
             self._hold(state.options.pack)
         self.state = state
         self._unsent = message
-        self._keep(rings(state.config).keys() | state.rings().keys())
+        # a writer may still map one of a fixed name, and would not see another in its place
+        self._keep(rings(state.config).keys() | state.rings().keys() | ON_DEMAND.keys())
 
     def _hold(self, pack: str) -> None:
         """Holds another pack, or "" for none; one that cannot be held fails where it is shown."""

@@ -1,14 +1,9 @@
-"""The processes of the stages: started when needed, judged by their beat, restarted, and ended in
-two passes.
-"""
+"""The processes of the stages: start, heartbeat check, restart, and end in two passes."""
 
 import logging
-import multiprocessing
-import os
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterator
-from multiprocessing.process import BaseProcess
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +12,7 @@ from lfpipe.config import SessionOptions
 from lfpipe.config.modes import Lossless
 from lfpipe.errors import UserError
 from lfpipe.host import signals
+from lfpipe.host.child import Child, Patience, is_computing, python
 from lfpipe.host.files import exists
 from lfpipe.host.processes import activity
 from lfpipe.supervisor import child
@@ -24,20 +20,18 @@ from lfpipe.supervisor.process_table import SOURCE, STAGES, Stage
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.ring_io import StageSpec
 from lfpipe.transport.session import Session
-from lfpipe.transport.status import ENDED, State, Table, busy_words, clear
+from lfpipe.transport.status import ENDED, State, Table, busy_work, clear
 
 logger = logging.getLogger(__name__)
-MAX_RESTARTS_WINDOW_S, MAX_FAILURES = 60.0, 5  # five failures in a minute are no accident
+MAX_RESTARTS_WINDOW_S, MAX_FAILURES = 60.0, 5  # give up after five failures in a minute
 FIRST_BACKOFF_S = 0.1  # doubled from one failure to the next
 MAX_STACK = 4000  # characters reported
-BUSY_S = 60.0  # without a beat: time for a disk to spin up, or for a network to return
+BUSY_S = 60.0  # without a heartbeat: time for a disk to spin up, or for a network to return
 # times these limits while it uses a CPU: emulated, one search for a face takes seconds
 COMPUTING = 5
-# Time of its own on a CPU, without a beat: emulated, one search for a face takes more than 10 s. In
+# CPU time without a heartbeat: emulated, one search for a face takes more than 10 s. In
 # a lossless replay nobody waits for a picture.
 LIVE_CPU_S, LOSSLESS_CPU_S = 30.0, 60.0
-# of the time: more than polling takes, less than its share among dozens of busy programs
-COMPUTING_SHARE = 0.03
 # after such a gap between checks, the supervisor was stopped or starved, probably like the stages
 ASLEEP_S = 1.0
 DRAIN_NS = 2 * SECOND_NS  # time for the stages to finish their work after the source has ended
@@ -53,7 +47,7 @@ class StageProcess:
         self.stage = stage
         self.row = row
         self._session = session
-        self.process: BaseProcess | None = None
+        self.process: Child | None = None
         self.must_run = False  # the session needs it now, so its end is a failure
         self.next_start_ns = 0
         self.failures: deque[int] = deque(maxlen=MAX_FAILURES)
@@ -82,14 +76,8 @@ class StageProcess:
         self.row["started_ns"] = self._checked_ns
         self._killed = False
         self.lossless = isinstance(spec.options.clock, Lossless)
-        self.process = multiprocessing.get_context("spawn").Process(
-            target=child.run,
-            args=(spec, os.getpid()),
-            name=f"lfpipe-{self.stage.name}",
-            daemon=True,
-        )
         with signals.blocked():
-            self.process.start()
+            self.process = Child(python("lfpipe.supervisor.child"), child.start_line(spec))
         self.row["pid"] = self.process.pid
         logger.info(
             "%s starts as process %d, restart %d",
@@ -100,10 +88,9 @@ class StageProcess:
 
     def reap(self) -> int | None:
         """Exit code when the process has ended since the last call, else None."""
-        if self.process is None or self.process.exitcode is None:
+        code = None if self.process is None else self.process.exit_code
+        if self.process is None or code is None:
             return None
-        code = int(self.process.exitcode)
-        self.process.join()
         self.process.close()
         self.process = None
         finished = code in (0, child.EXIT_TERMINATED)
@@ -122,8 +109,8 @@ class StageProcess:
             self.row["taken_seq"] = 0  # its work was done, so its successor has missed nothing
         return code
 
-    def overdue(self) -> str:
-        """Why the process counts as hung, or "": it gave no beat for longer than its phase allows.
+    def hang_reason(self) -> str:
+        """Why the process counts as hung, or "": no heartbeat for longer than its phase allows.
         Call often.
 
         Running: the stage's hang_timeout_s. Starting, or within `Context.setting_up`:
@@ -139,37 +126,39 @@ class StageProcess:
         if t_ns - self._checked_ns > ASLEEP_S * 1e9:
             self._awake_ns = t_ns  # the machine was suspended, or starved all processes alike
         self._checked_ns = t_ns
-        words = busy_words(row)
+        work = busy_work(row)
         sets_up = row["state"] == State.STARTING or not row["ready_ns"]
-        if row["state"] == State.STOPPING and not words:
+        if row["state"] == State.STOPPING and not work:
             return ""
         silent_s = (t_ns - max(int(row["beat_ns"]), int(row["started_ns"]), self._awake_ns)) / 1e9
-        limit_s = BUSY_S if words else stage.hang_timeout_s
+        limit_s = BUSY_S if work else stage.hang_timeout_s
         if sets_up:
             limit_s = stage.startup_timeout_s
         if silent_s <= limit_s:
             return ""
         cpu_ns, on_disk = activity(int(row["pid"]))
         cpu_s = (cpu_ns - int(row["cpu_ns"])) / 1e9  # since its last output
-        computes = cpu_s > COMPUTING_SHARE * silent_s
-        patient = cpu_s <= (LOSSLESS_CPU_S if self.lossless else LIVE_CPU_S)
-        if silent_s <= BUSY_S * on_disk or (
-            computes and (patient or silent_s <= COMPUTING * limit_s)
-        ):
+        patience = Patience(
+            limit_s=limit_s,
+            disk_s=BUSY_S,
+            computing_s=COMPUTING * limit_s,
+            cpu_s=LOSSLESS_CPU_S if self.lossless else LIVE_CPU_S,
+        )
+        if not patience.exceeded(silent_s, cpu_s, is_computing(cpu_s, silent_s), on_disk):
             return ""
         return (
-            f"{words + ': ' if words else ''}{'not ready after' if sets_up else 'no beat for'}"
+            f"{work + ': ' if work else ''}{'not ready after' if sets_up else 'no beat for'}"
             f" {silent_s:.1f} s"
         )
 
     @property
-    def saves(self) -> str:
-        """The results that the process is writing at its end, in words, while it makes progress;
+    def saving_description(self) -> str:
+        """A description of the results that the process writes at its end, while it makes progress;
         else "".
         """
         return (
-            busy_words(self.row)
-            if self.row["state"] == State.STOPPING and not self.overdue()
+            busy_work(self.row)
+            if self.row["state"] == State.STOPPING and not self.hang_reason()
             else ""
         )
 
@@ -201,8 +190,7 @@ class StageProcess:
 
     def mistake(self) -> UserError | None:
         """The user's mistake because of which the stage ended, if any."""
-        message, _, remedy = self._left("error").partition("\n")
-        return UserError(message, remedy) if message else None
+        return UserError.from_json(self._left("error").encode())
 
     def _left(self, what: str) -> str:
         path = child.crash_report_path(self._session.run_dir, what, self.stage.name)
@@ -210,15 +198,15 @@ class StageProcess:
 
     def signal(self, signum: int) -> None:
         """Sends one of `host.signals` if there is a process to take it."""
-        if self.process is not None and self.process.pid is not None:
-            os.kill(self.process.pid, signum)
+        if self.process is not None:
+            self.process.signal(signum)
 
 
 class StageProcesses:
     """All of them.
 
     table: the status table. spec: what a stage receives at its start. ask_to_stop: sends the stop
-    to a stage. log: reports to people.
+    to a stage. notify: notifies the user.
     """
 
     def __init__(
@@ -227,10 +215,10 @@ class StageProcesses:
         table: Table,
         spec: Callable[[Stage], StageSpec],
         ask_to_stop: Callable[[str], None],
-        log: Callable[[str], None],
+        notify: Callable[[str], None],
     ) -> None:
         self._table = table
-        self._log = log
+        self._notify = notify
         self._spec = spec
         self._ask_to_stop = ask_to_stop
         self._all = {
@@ -242,12 +230,12 @@ class StageProcesses:
         return iter(self._all.values())
 
     @property
-    def sentinels(self) -> list[int]:
+    def ended_fds(self) -> list[int]:
         """Descriptors that wake the supervisor when a stage ends."""
-        return [one.process.sentinel for one in self if one.process is not None]
+        return [one.process.ended_fd for one in self if one.process is not None]
 
     def ensure_running(self, options: SessionOptions) -> None:
-        """Starts stages that are needed, and asks stages that are no longer needed to stop."""
+        """Starts the stages that are needed, and stops the others."""
         for process in self:
             needed = process.stage.needed(options)
             process.must_run = needed and not self._drain_since_ns
@@ -256,13 +244,13 @@ class StageProcesses:
             elif process.alive and not needed:
                 self._ask_to_stop(process.stage.name)
 
-    def judge(self) -> list[tuple[StageProcess, int]]:
+    def check(self) -> list[tuple[StageProcess, int]]:
         """Kills hung stages, and returns stages that ended unexpectedly, with their exit codes."""
         ended = []
         for process in self:
             name = process.stage.name
-            if why := process.overdue():
-                self._log(f"{name}: {why}, killed\n{process.kill_hung()}".rstrip())
+            if why := process.hang_reason():
+                self._notify(f"{name}: {why}, killed\n{process.kill_hung()}".rstrip())
             code = process.reap()
             if code is not None and process.row["state"] == State.DEAD:
                 ended.append((process, code))
@@ -293,6 +281,18 @@ class StageProcesses:
             if process.stage.needed(options) or (or_alive and process.alive)
         ]
 
+    def are_ready(self, options: SessionOptions) -> bool:
+        """Whether all that are needed are ready."""
+        return all(int(process.row["ready_ns"]) for process in self.needed(options))
+
+    def have_applied(self, rev: int, options: SessionOptions) -> bool:
+        """Whether every stage has applied revision rev of the state, and those that are no longer
+        needed have ended.
+        """
+        return all(
+            int(process.row["config_rev"]) >= rev for process in self.needed(options, or_alive=True)
+        )
+
     def kill(self) -> None:
         """Ends all at once: the user asked twice."""
         for process in self:
@@ -303,7 +303,7 @@ class StageProcesses:
         for process in self:
             process.must_run = False
             self._ask_to_stop(process.stage.name)
-        wait_for_end(self._all.values(), self._log)
+        wait_for_end(self._all.values(), self._notify)
 
     def close(self) -> None:
         """Stops the stages, unless they have ended, and releases the status table."""
@@ -311,21 +311,22 @@ class StageProcesses:
         self._all.clear()
 
 
-def wait_for_end(stages: Collection[StageProcess], log: Callable[[str], None]) -> None:
+def wait_for_end(stages: Collection[StageProcess], notify: Callable[[str], None]) -> None:
     """Waits until all processes have ended; the caller has asked them to stop. Late ones get
-    SIGTERM, then SIGKILL, unless one saves results and makes progress. log: reports to people what
-    the session waits for.
+    SIGTERM, then SIGKILL, unless one saves results and makes progress. notify: tells the
+    user what the session waits for.
     """
     reported: set[str] = set()
     for limit_s, signum in PASSES:
         due_ns = now_ns() + int(limit_s * 1e9)
         while living := [process for process in stages if process.alive]:
             if now_ns() >= due_ns:
-                saving = {process.stage.name: process.saves for process in living if process.saves}
+                saving = {process.stage.name: process.saving_description for process in living}
+                saving = {name: text for name, text in saving.items() if text}
                 if not saving:
                     break
                 for name in saving.keys() - reported:
-                    log(f"{name}: {saving[name]}; press Ctrl-C again to end it at once")
+                    notify(f"{name}: {saving[name]}; press Ctrl-C again to end it at once")
                 reported |= saving.keys()
                 due_ns = now_ns() + int(limit_s * 1e9)
             time.sleep(0.005)

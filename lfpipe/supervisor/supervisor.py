@@ -11,7 +11,8 @@ from lfpipe.host import limits, signals
 from lfpipe.host.terminal import protect_output
 from lfpipe.scene.open_scene import Packing
 from lfpipe.supervisor import rundir
-from lfpipe.supervisor.live_session import LiveSession, Outcome
+from lfpipe.supervisor.effects import Outcome
+from lfpipe.supervisor.live_session import LiveSession
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport import control
 from lfpipe.transport.session import Session
@@ -23,12 +24,12 @@ def run_session(
     session: Session,
     config: Config,
     options: SessionOptions,
-    tell: Callable[[str], None] = print,
+    notify: Callable[[str], None] = print,
     duration_s: float | None = None,
     packing: Packing | None = None,
 ) -> Outcome:
     """Runs a session to its end: a command, a signal, duration_s (from when all stages are ready),
-    the end of the source, or too many failures. tell: receives lines for people. packing: the
+    the end of the source, or too many failures. notify: receives lines for the user. packing: the
     packer, while it works on the disparity of the first scene.
 
     Raises UserError before any process starts if the session is impossible: its name is in use,
@@ -57,7 +58,9 @@ def run_session(
             if swept:
                 logger.info("removed what dead sessions left: %s", ", ".join(swept))
             with rundir.filled(session):
-                live = LiveSession(ctx, session, SessionState.first(config, options), tell, packing)
+                live = LiveSession(
+                    ctx, session, SessionState.first(config, options), notify, packing
+                )
             with contextlib.closing(live):
                 outcome = live.loop(duration_s, arrived, lock)
             logger.info(

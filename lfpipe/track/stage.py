@@ -89,7 +89,7 @@ def _track(context: Context) -> None:
                     text=f"a face is visible, but not upright: set camera.rotate={upright}",
                 )
             context.row["face"] = tracker.seen
-            context.row.judge(tracker.fault, tracker.seen)
+            context.row.report_health(tracker.fault, tracker.seen)
             context.row["cpu_ns"] = time.process_time_ns()
     finally:
         engine.close()
@@ -122,8 +122,8 @@ def _publish(
     t_tracked_ns = now_ns()
     record["t_tracked_ns"] = t_tracked_ns
     eyes.publish(stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind)
-    context.row.tick(stamp.source_seq)
-    context.row.measure(
+    context.row.count_output(stamp.source_seq)
+    context.row.record_latency(
         t_taken_ns - stamp.t_publish_ns, t_tracked_ns - t_taken_ns, t_tracked_ns - stamp.t_sensor_ns
     )
 

@@ -11,7 +11,7 @@ from lfpipe.host.machine import asleep_ns
 now_ns = time.monotonic_ns
 SECOND_NS = 1_000_000_000
 MS_NS = 1_000_000
-SLEPT_NS = SECOND_NS // 2  # as long as the gap after which filters start anew
+SLEPT_NS = SECOND_NS // 2  # as long as the gap after which filters reset
 
 
 def sleep_until(t_ns: int) -> None:

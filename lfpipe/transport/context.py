@@ -1,6 +1,4 @@
-"""The interface of a stage: its configuration, its rings with wake-ups, its status row, and one
-place to wait.
-"""
+"""The stage API: configuration, rings, status row, and the only blocking call."""
 
 import contextlib
 import gc
@@ -15,34 +13,36 @@ from lfpipe.host.processes import usable_cores
 from lfpipe.host.wake import Wake, readable
 from lfpipe.transport import control, status
 from lfpipe.transport.clock import MS_NS, now_ns
+from lfpipe.transport.control import Answer
 from lfpipe.transport.ring_io import RingInput, RingOutput, StageSpec
 from lfpipe.transport.status import State
 
 logger = logging.getLogger(__name__)
-BEAT_NS = 100 * MS_NS  # longest wait of a stage without a beat
+BEAT_NS = 100 * MS_NS  # longest wait of a stage without a heartbeat
 
 
 class Context:
     """Everything a stage needs.
 
-    A stage sleeps only in `wait`, which beats, receives commands and detects the stop.
+    A stage sleeps only in `wait`, which sends heartbeats, receives commands and detects the stop.
     """
 
     def __init__(self, spec: StageSpec) -> None:
         self.spec = spec
         self.config = spec.config
         self.table = status.Table(spec.session.segment("status"), writable=True)
-        self.row = status.Row(self.table.rows[spec.name])
+        self.row = status.Row(self.table.rows[spec.name], self.table.metrics[spec.name])
         self.options = spec.options
         self.stopping = False
         self.paused = False
         self.cores = usable_cores()  # of the session: this is before the stage moves to its own
-        # a message arrived since the last call of `commands`: a stage without news need not look
+        # whether a message arrived since the last call of `commands`
         self.news = True
         self._inputs: list[RingInput] = []
         # kept until the end: mappings must outlive their views
         self._open: list[RingInput | RingOutput] = []
         self._commands: list[tuple[str, control.Message]] = []
+        self._answers: list[Answer] = []
         self._zmq = control.context()
         self._ctl = self._zmq.socket(zmq.DEALER)
         self._ctl.setsockopt(zmq.IDENTITY, spec.name.encode())
@@ -72,47 +72,46 @@ class Context:
         return ring_output
 
     def ready(self) -> None:
-        """Ends the setup: from now on, a missing beat means a hang. What exists now is no garbage:
-        collections leave it out.
+        """Ends the setup: from now on, a missing heartbeat means a hang. Freezes the current
+        objects so that the garbage collector skips them (gc.freeze).
         """
         gc.freeze()
         self.row["epoch"] += 1
-        self.row.beat()  # first: a stage delayed between these lines is not hung
+        self.row.heartbeat()  # first: a stage delayed between these lines is not hung
         self.row["ready_ns"] = now_ns()
         self.row["state"] = State.RUNNING
         logger.info("ready after %.2f s", (now_ns() - int(self.row["started_ns"])) / 1e9)
 
     @contextlib.contextmanager
-    def busy_with(self, words: str) -> Iterator[None]:
-        """Wraps calls that may wait for a disk: the stage is then judged by its progress, not by
-        its beat.
+    def busy_with(self, work: str) -> Iterator[None]:
+        """Wraps calls that may wait for a disk: the stage then hangs only after a longer time.
 
-        words: a description for monitors, at most 32 bytes. See `StageProcess.overdue`.
+        work: a description for monitors, at most 32 bytes. See `StageProcess.hang_reason`.
         """
-        self.row.set_busy(words)
+        self.row.set_busy(work)
         try:
             yield
         finally:
             self.row.set_busy("")
 
     @contextlib.contextmanager
-    def setting_up(self, words: str) -> Iterator[None]:
-        """Like `busy_with`, for work that may also compute for long: the stage is judged as during
-        its start.
+    def setting_up(self, work: str) -> Iterator[None]:
+        """Like `busy_with`, for work that may also compute for long: the limits are those of a
+        start.
         """
         before = self.row["state"]
         self.row["state"] = State.STARTING
         try:
-            with self.busy_with(words):
+            with self.busy_with(work):
                 yield
         finally:
             self.row["state"] = before
 
     @contextlib.contextmanager
-    def saving(self, words: str) -> Iterator[None]:
+    def saving(self, work: str) -> Iterator[None]:
         """Like `busy_with`, for writing results at the end: the end of the session waits for it."""
         self.row["state"] = State.STOPPING
-        with self.busy_with(words):
+        with self.busy_with(work):
             yield
 
     def wait_for_others(self) -> bool:
@@ -130,16 +129,20 @@ class Context:
         with contextlib.suppress(zmq.Again):
             self._bus.send(control.encode(message), zmq.NOBLOCK)
 
+    def notify(self, text: str) -> None:
+        """Notifies the user."""
+        self.emit("notice", text=text)
+
     def report_lost(self, why: str) -> None:
         """Reports that a file of the session ended early, or was not written: then the session's
         exit code is not 0.
         """
         self.row["lost_outputs"] += 1
-        self.emit("notice", text=why)
+        self.notify(why)
 
     def request(self, word: str, **values: Any) -> None:
         """Sends the supervisor a command, as `lfpipe ctl` would; its answer appears in
-        `commands`.
+        `answers`.
         """
         self._ctl.send(control.encode({"cmd": word, **values}))
         self._used = True
@@ -157,11 +160,17 @@ class Context:
 
     def commands(self) -> list[tuple[str, control.Message]]:
         """Commands since the last call, as (command, message). A change of configuration is already
-        in `config`. The answer to a `request` is ("", answer).
+        in `config`.
         """
         self.news = False
         taken = self._commands
         self._commands = []
+        return taken
+
+    def answers(self) -> list[Answer]:
+        """Answers since the last call, to a `request`."""
+        taken = self._answers
+        self._answers = []
         return taken
 
     def wait(self, until_ns: int | None = None, inputs: bool = True) -> bool:
@@ -170,7 +179,7 @@ class Context:
 
         Returns False once the stage must end. inputs: False where it cannot use their data now.
         """
-        self.row.beat()
+        self.row.heartbeat()
         self.done()  # a waiting stage has processed what it took
         for ring_input in self._inputs:
             ring_input.wait()
@@ -199,7 +208,7 @@ class Context:
         """Waits until condition holds or the stop arrives; credits wake it."""
         fds = [self._ctl_fd, *(credit.fd for credit in credits)]
         while not condition() and not self.stopping:
-            self.row.beat()
+            self.row.heartbeat()
             self._sleep(fds, BEAT_NS)
 
     def _take_messages(self) -> None:
@@ -207,8 +216,9 @@ class Context:
             self.news = True
             message = control.decode(self._ctl.recv())
             word = message.get("cmd", "")
-            answered = "ok" in message
-            if word == "stop" and not answered:
+            if "ok" in message and "config" not in message:
+                self._answers.append(Answer.of(message))
+            elif word == "stop":
                 self.stopping = True
             elif word in ("config", "hello") and "config" in message:
                 snapshot = self._converter.structure(message, Snapshot)
@@ -218,7 +228,7 @@ class Context:
                 self._rev = snapshot.rev
                 logger.debug("has revision %d", self._rev)
             else:
-                self._commands.append(("" if answered else word, message))
+                self._commands.append((word, message))
 
     def close(self) -> None:
         """Closes the sockets; the mappings end with the process."""

@@ -12,6 +12,7 @@ State is never sent over tap: `hello` answers with a snapshot. Every message car
 from pathlib import Path
 from typing import Any
 
+import attrs
 import msgpack
 import zmq
 
@@ -25,6 +26,31 @@ EXECUTED = "executed"  # with it, a stage answers a command that it has executed
 MAX_ID_BYTES = 64  # of the id of a request
 QUEUE = 64  # messages that may wait on either side of a socket, per client
 Message = dict[str, Any]  # plain values by name
+
+
+@attrs.frozen(kw_only=True)
+class Answer:
+    """The answer to a request."""
+
+    cmd: str
+    """The command of the request."""
+    ok: bool
+    error: str
+    """Why it was refused; "" otherwise."""
+    remedy: str
+    values: Message
+    """The whole answer, with the fields of its command."""
+
+    @classmethod
+    def of(cls, message: Message) -> "Answer":
+        """The answer in a message."""
+        return cls(
+            cmd=str(message.get("cmd", "")),
+            ok=message.get("ok") is True,
+            error=str(message.get("error", "")),
+            remedy=str(message.get("remedy", "")),
+            values=message,
+        )
 
 
 class BadMessage(ValueError):
@@ -174,7 +200,7 @@ def request(run_dir: Path, message: Message, timeout_s: float = 2.0) -> Message:
             raise UserError(f"the session did not answer within {timeout_s:g} s", remedy)
         if not socket.poll(0):  # its last answer may have come with the end
             raise UserError("the session ended before it answered", remedy)
-        answer = decode(socket.recv())
-    if not answer.get("ok"):
-        raise UserError(str(answer.get("error", "refused")), str(answer.get("remedy", "")))
-    return answer
+        answer = Answer.of(decode(socket.recv()))
+    if not answer.ok:
+        raise UserError(answer.error or "refused", answer.remedy)
+    return answer.values

@@ -96,9 +96,7 @@ class StampKind(enum.IntEnum):
 
 @attrs.frozen
 class Stamp:
-    """Header of a slot as read; skipped: number of slots since the last read that this reader
-    missed.
-    """
+    """Header of a slot as read."""
 
     seq: int
     source_seq: int
@@ -107,7 +105,9 @@ class Stamp:
     t_read_ns: int
     t_publish_ns: int
     skipped: int
-    kind: int = 0  # source of t_sensor_ns, see `StampKind`
+    """Number of slots since the last read that this reader missed."""
+    kind: int = 0
+    """Source of t_sensor_ns, see `StampKind`."""
 
 
 def create(name: str, spec: RingSpec, run_dir: Path | None = None) -> Segment:

@@ -21,22 +21,24 @@ from lfpipe.transport.status import ENDED
 
 @attrs.frozen(kw_only=True)
 class StageSpec:
-    """Everything that a stage's process receives at its start, pickled.
-
-    consumers: ring -> stages that read it. others: the other stages of the session. source: the
-    stage that makes frames. cpus: cores to run on, none for all.
-    """
+    """Everything that a stage's process receives at its start."""
 
     name: str
     module: str
+    """With `main(context)`."""
     session: Session
     config: Config
     rev: int
+    """Of the session's state."""
     options: SessionOptions
     consumers: dict[str, list[str]]
+    """Ring -> stages that read it."""
     others: tuple[str, ...]
+    """The other stages of the session."""
     source: str
+    """The stage that makes frames."""
     cpus: tuple[int, ...] = ()
+    """Cores to run on; none for all."""
 
     def ring_index(self, name: str) -> int:
         """The index of a ring's credit in a status row."""

@@ -66,14 +66,14 @@ def _check_name(name: str, setting: str) -> None:
 
 @attrs.frozen
 class Session:
-    """One session's names.
-
-    token: random part of the names of its memory, so that no stranger can take them first. Only the
-    supervisor and its stages have it; empty for others, who read it from the session's manifest.
-    """
+    """The names of one session."""
 
     name: str = attrs.field()
     token: str = ""
+    """Random part of the names of its memory, so that no stranger can take them first. Only the
+    supervisor and its stages have it; it is empty for others, who read it from the session's
+    manifest.
+    """
 
     @name.validator
     def _check(self, _: object, value: str) -> None:
@@ -86,7 +86,7 @@ class Session:
     @property
     def run(self) -> str:
         """This run of the session, for other programs: unlike its name, no other run has it. It
-        does not tell the token.
+        does not reveal the token.
         """
         return f"{self.name}.{hashlib.sha256(self.token.encode()).hexdigest()[:12]}"
 
@@ -132,14 +132,20 @@ class Session:
 
 @attrs.frozen(kw_only=True)
 class SessionManifest:
-    """What the file `session.json` in the run directory says of a running session."""
+    """The file `session.json` in the run directory of a running session."""
 
-    session: str  # its name
-    segments: str  # prefix of the names of its shared memory
-    pid: int  # of the supervisor
-    started_ns: int  # of CLOCK_MONOTONIC
-    started: str  # the same moment by the wall clock
-    options: dict[str, Any]  # `SessionOptions` at its start, as plain values
+    session: str
+    """Its name."""
+    segments: str
+    """Prefix of the names of its shared memory."""
+    pid: int
+    """Of the supervisor."""
+    started_ns: int
+    """Of CLOCK_MONOTONIC."""
+    started: str
+    """The same moment by the wall clock."""
+    options: dict[str, Any]
+    """`SessionOptions` at its start, as plain values."""
 
     @classmethod
     def begin(cls, session: Session, options: dict[str, Any]) -> "SessionManifest":

@@ -3,7 +3,11 @@ without messages.
 
     0    magic "LFSTAT1\0"
     8    checksum of the types below, so that a table with other fields is never misread
-    64   PAGE_ROWS rows of ROW, then SESSION
+    16   length of the declarations: the metrics of each row as JSON
+    64   declarations, then PAGE_ROWS rows of ROW, then SESSION
+
+The fields of ROW are common to all stages. Each stage declares further metrics (`metrics.py`); the
+table contains the declarations, so a reader knows the stages of any version.
 
 A row has one writer at any time: the stage while it lives, otherwise the supervisor. Only the
 supervisor writes the fields from `name` to `dead_ns`. Counters and histograms survive a restart of
@@ -11,16 +15,19 @@ the stage.
 """
 
 import enum
+import json
 import zlib
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.host import segment
-from lfpipe.host.segment import Segment
+from lfpipe.host.segment import Segment, WrongSegment
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.histogram import HISTOGRAM, Histogram
+from lfpipe.transport.metrics import NO_METRICS, SPACE, MetricSet
 
 RECENT = 64  # completion stamps kept for the rate
 RINGS = 8  # rings that a session may have
@@ -64,82 +71,87 @@ ROW = np.dtype(
         ("drops", "<i8"),  # inputs that this stage lost, or could not use in time
         # inputs left out on purpose: at a lowered quality, while paused, for a newer one
         ("left_out", "<i8"),
-        ("missed", "<i8"),  # of render: refreshes of the display without a picture from it
-        ("planned", "<i8"),  # of render: refreshes of a screen whose blanks are reported
-        # of render: those of them that showed another picture than was planned
-        ("juddered", "<i8"),
-        ("onset_ns", "<i8"),  # of render: latency at the onset of a motion; 0: not known
-        # of render: by how much pictures lag behind a head under way; 0: not known
-        ("steady_ns", "<i8"),
+        ("missed", "<i8"),  # outputs that were due on the stage's own clock but never made
         ("config_rev", "<i8"),  # revision of the session state that it uses
         ("busy_ns", "<i8"),
         ("cpu_ns", "<i8"),
-        ("face", "<i8"),
-        ("fault", "S96"),  # which part of the stage does not work now, in words; empty if all do
+        ("fault", "S96"),  # the part of the stage that does not work; empty if all do
         ("fault_since_ns", "<i8"),
         # outputs with a result while all parts worked, and those without it while one did not
         ("outputs_ok", "<i8"),
         ("outputs_faulty", "<i8"),
-        ("nominal_mhz", "<i8"),  # of capture: frames per 1000 s that the camera agreed to deliver
-        ("dim", "<i8"),  # of capture: the camera delivers clearly fewer, although none is lost
-        # of render: when a picture was last made for a face, or the stage began
-        ("t_face_ns", "<i8"),
-        ("viewer", "<i8"),  # of render: the viewer's state, a value of ViewerState
         ("busy_since_ns", "<i8"),  # start of the work in busy_with
-        ("busy_with", "S32"),  # work outside its loop, in words; empty in its loop
+        ("busy_with", "S32"),  # description of work outside its loop; empty in its loop
         ("recent_ns", "<i8", (RECENT,)),
         ("wait", HISTOGRAM),  # from publication by the previous stage until taken by this one
         ("busy", HISTOGRAM),  # from taken to published
         ("age", HISTOGRAM),  # from the sensor to publication: the output's age
-        # of render: from the sensor stamp to the time of the predicted eyes, at every refresh
-        ("prediction", HISTOGRAM),
+        *SPACE,  # for the stage's own metrics
     ]
 )
-PAGE_ROWS = 8  # stages: five, and room for more
+PAGE_ROWS = 8  # stages
 
 # Of the whole session, written by the supervisor: the current level of quality (0 is full), the
-# last level, and in words.
+# lowest level, and a description.
 SESSION = np.dtype([("level", "<i8"), ("lowest", "<i8"), ("words", "S96")])
 
 MAGIC = b"LFSTAT1\0"
 HEAD = 64  # a cache line
-SIZE_BYTES = HEAD + PAGE_ROWS * ROW.itemsize + SESSION.itemsize
+MAX_DECLARED_BYTES = 16 << 10
+ROWS_AT = HEAD + MAX_DECLARED_BYTES
+SIZE_BYTES = ROWS_AT + PAGE_ROWS * ROW.itemsize + SESSION.itemsize
 LAYOUT = zlib.crc32(repr((ROW.descr, PAGE_ROWS, SESSION.descr)).encode())
 
 
-def create(name: str, rows: list[str], run_dir: Path | None = None) -> Segment:
-    """An empty table with one named row per process, at most PAGE_ROWS, for the session of run_dir.
-    The caller keeps and unlinks the segment. Raises UserError as `segment.create` does.
+def create(name: str, stages: Mapping[str, MetricSet], run_dir: Path | None = None) -> Segment:
+    """An empty table with one row per stage, at most PAGE_ROWS, for the session of run_dir. The
+    caller keeps and unlinks the segment. Raises UserError as `segment.create` does, ValueError if
+    there are too many stages or metrics.
     """
+    declared = json.dumps({stage: metrics.to_plain() for stage, metrics in stages.items()}).encode()
+    if len(stages) > PAGE_ROWS or len(declared) > MAX_DECLARED_BYTES:
+        raise ValueError(f"{len(stages)} stages with {len(declared)} bytes of metrics do not fit")
     memory = segment.create(name, SIZE_BYTES, run_dir)
     buffer = memory.buf
-    table = np.frombuffer(buffer, ROW, PAGE_ROWS, HEAD)
-    table["name"][: len(rows)] = [row.encode() for row in rows]
-    np.frombuffer(buffer, "<i8", 1, len(MAGIC))[0] = LAYOUT
+    table = np.frombuffer(buffer, ROW, PAGE_ROWS, ROWS_AT)
+    table["name"][: len(stages)] = [stage.encode() for stage in stages]
+    buffer[HEAD : HEAD + len(declared)] = declared
+    np.frombuffer(buffer, "<i8", 2, len(MAGIC))[:] = LAYOUT, len(declared)
     buffer[: len(MAGIC)] = MAGIC  # last: a reader that finds the magic finds the rest
     return memory
 
 
 class Table:
-    """An attached table. rows: name -> record of dtype ROW, shape (). session: record of dtype
-    SESSION.
+    """An attached table.
 
     Raises FileNotFoundError if the segment does not exist, WrongSegment if it has other contents.
     """
+
+    rows: dict[str, NDArray[np.void]]
+    """Name of a stage -> its record of dtype ROW, shape ()."""
+    metrics: dict[str, MetricSet]
+    """Name of a stage -> the metrics that it declares."""
+    session: NDArray[np.void]
+    """A record of dtype SESSION, shape ()."""
 
     def __init__(self, name: str, writable: bool = False) -> None:
         self._memory = segment.attach(name)
         self._memory.check(MAGIC + LAYOUT.to_bytes(8, "little"), "status table", SIZE_BYTES)
         buffer = self._memory.buf if writable else self._memory.buf.toreadonly()
-        table: NDArray[np.void] = np.frombuffer(buffer, ROW, PAGE_ROWS, HEAD)
-        self.session: NDArray[np.void] = np.frombuffer(
-            buffer, SESSION, 1, HEAD + table.nbytes
-        ).reshape(())
-        self.rows: dict[str, NDArray[np.void]] = {
+        table: NDArray[np.void] = np.frombuffer(buffer, ROW, PAGE_ROWS, ROWS_AT)
+        self.session = np.frombuffer(buffer, SESSION, 1, ROWS_AT + table.nbytes).reshape(())
+        self.rows = {
             bytes(table[i]["name"]).decode(): table[i : i + 1].reshape(())
             for i in range(PAGE_ROWS)
             if table[i]["name"]
         }
+        size = int(np.frombuffer(buffer, "<i8", 1, 2 * len(MAGIC))[0])
+        try:
+            declared = json.loads(bytes(buffer[HEAD : HEAD + size]))
+            self.metrics = {stage: MetricSet.from_plain(declared[stage]) for stage in self.rows}
+        except (ValueError, KeyError, TypeError):
+            why = f"{name}: not a status table of this version: its declarations are damaged"
+            raise WrongSegment(why, segment.REMEDY) from None
 
     def close(self) -> None:
         """Drops the views, then the mapping."""
@@ -149,19 +161,29 @@ class Table:
 
 
 class Row:
-    """A stage's access to its row: named integers and histograms."""
+    """A stage's access to its row: integers by name, and histograms. metrics: those that the stage
+    declares.
+    """
 
-    def __init__(self, record: NDArray[np.void]) -> None:
+    def __init__(self, record: NDArray[np.void], metrics: MetricSet = NO_METRICS) -> None:
         self.record = record
         self._int = {
             name: record[name].reshape(1).data
             for name in ROW.names or ()
             if ROW[name] == np.dtype("<i8")
         }
+        values = record["values"]
+        self._int |= {
+            metric.name: values[at : at + 1].data for at, metric in enumerate(metrics.values)
+        }
         self._recent = record["recent_ns"].data
-        self.wait, self.busy, self.age, self.prediction = (
-            Histogram(record[name]) for name in ("wait", "busy", "age", "prediction")
+        self.wait, self.busy, self.age = (
+            Histogram(record[name]) for name in ("wait", "busy", "age")
         )
+        self.histograms = {
+            metric.name: Histogram(record["histograms"][at : at + 1].reshape(()))
+            for at, metric in enumerate(metrics.histograms)
+        }
 
     def __getitem__(self, name: str) -> int:
         return self._int[name][0]
@@ -169,16 +191,16 @@ class Row:
     def __setitem__(self, name: str, value: int) -> None:
         self._int[name][0] = value
 
-    def beat(self) -> None:
+    def heartbeat(self) -> None:
         """Reports that the stage is alive and its loop is running."""
         self._int["beat_ns"][0] = now_ns()
 
-    def set_busy(self, words: str) -> None:
+    def set_busy(self, work: str) -> None:
         """Sets the stage's current work outside its loop, at most 32 bytes; "" to clear it."""
         self._int["busy_since_ns"][0] = self._int["beat_ns"][0] = now_ns()
-        self.record["busy_with"] = words.encode()
+        self.record["busy_with"] = work.encode()
 
-    def judge(self, fault: str, has_result: bool) -> None:
+    def report_health(self, fault: str, has_result: bool) -> None:
         """Counts an output. fault: which part of the stage does not work, at most 96 bytes; "" if
         all do.
         """
@@ -188,7 +210,7 @@ class Row:
             self._int["fault_since_ns"][0] = now_ns()
             self.record["fault"] = data
 
-    def tick(self, source_seq: int) -> None:
+    def count_output(self, source_seq: int) -> None:
         """Counts one completed output, made from input source_seq."""
         t_ns = now_ns()
         seq = self._int["seq"][0]
@@ -197,7 +219,7 @@ class Row:
         self._int["source_seq"][0] = source_seq
         self._int["beat_ns"][0] = t_ns
 
-    def measure(self, wait_ns: int, busy_ns: int, age_ns: int | None) -> None:
+    def record_latency(self, wait_ns: int, busy_ns: int, age_ns: int | None) -> None:
         """Records the three durations of one output.
 
         age_ns: None for a picture that was never shown.
@@ -215,10 +237,10 @@ def clear(record: NDArray[np.void], *names: str) -> None:
         record[name] = np.zeros((), ROW[name])
 
 
-def busy_words(record: NDArray[np.void]) -> str:
+def busy_work(record: NDArray[np.void]) -> str:
     """A stage's current work outside its loop; "" if none."""
-    words: bytes = record["busy_with"].item()
-    return words.decode(errors="replace")
+    work: bytes = record["busy_with"].item()
+    return work.decode(errors="replace")
 
 
 def rate_hz(record: NDArray[np.void], t_ns: int | None = None) -> float:

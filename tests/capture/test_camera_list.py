@@ -94,7 +94,7 @@ def test_camera_finder_finds_the_camera_again_and_no_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, story: str
 ) -> None:
     asked, steps = STORIES[story]
-    specs = {"": None, "Cam": CameraSpec(Path(), "Cam")}
+    specs = {"": CameraSpec(), "Cam": CameraSpec(Path(), "Cam")}
     finder = CameraFinder(specs.get(asked, CameraSpec(tmp_path / "dev" / asked)))
     for devices, metadata, expected in steps:
         _kernel(tmp_path, **devices)

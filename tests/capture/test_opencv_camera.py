@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lfpipe import config
-from lfpipe.capture import camera_list, open_source
+from lfpipe.capture import camera_list, open_source, spec
 from lfpipe.capture.camera_list import CameraDevice
 from lfpipe.errors import UserError
 from lfpipe.transport.ring import StampKind
@@ -32,7 +32,7 @@ def portable(monkeypatch: pytest.MonkeyPatch) -> None:
         for n, name in enumerate(("Front", "Back", "Back two"))
     ]
     monkeypatch.setattr(camera_list, "nodes", lambda *_: listed)
-    for module in (camera_list, open_source):
+    for module in (camera_list, spec):
         monkeypatch.setattr(module, "PORTABLE", True)
 
 

@@ -18,7 +18,7 @@ from lfpipe.capture import open_source as open_source_module
 from lfpipe.capture.frame_source import BrokenFrame
 from lfpipe.capture.open_source import check_source, open_source
 from lfpipe.capture.recordings import MAX_BROKEN, FileSource
-from lfpipe.capture.spec import FileSpec
+from lfpipe.capture.spec import CameraSpec, FileSpec
 from lfpipe.errors import UserError
 from tests.capture.made_files import CAMERA, SHAPE, noise, video
 from tests.support.hostile_files import NO_FILES, ended
@@ -212,8 +212,8 @@ def test_nobody_waits_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(UserError, match="does not answer"):
         open_source("camera:/dev/video7", CAMERA)
     monkeypatch.setattr(open_source_module, "_tried", hangs)
-    monkeypatch.setattr(open_source_module, "FILE_S", 0.2)
-    monkeypatch.setattr(open_source_module, "CAMERA_S", 0.2)
+    for kind in (FileSpec, CameraSpec):
+        monkeypatch.setattr(kind, "time_limit_s", 0.2)
     for text in ("file:x.avi", "camera:/dev/video7"):
         with pytest.raises(UserError, match=r"no answer for 0\.2 s") as caught:
             check_source(text, CAMERA)

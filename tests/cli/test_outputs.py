@@ -11,9 +11,11 @@ from pathlib import Path
 import cv2
 import pytest
 from click.testing import CliRunner
+from pytest import param
 
 from lfpipe.cli import cli
 from lfpipe.errors import UserError
+from tests.support.extras import with_extras
 from tests.support.world import World, write_scene
 
 
@@ -58,12 +60,16 @@ def owned(tmp_path_factory: pytest.TempPathFactory, clip: Path) -> Path:
         ("scene sheet views -o views/view_01_01.png", "view_01_01.png"),
         ("scene view views --row 0 --col 0 -o notes.txt", "notes.txt"),
         ("scene view views --row 0 --col 0 -o me.png", "me.png"),
-        ("scene export pair views -o me.avi", "me_sbs.avi"),
-        ("scene export pair views -o views/view_00_00.png", "view_00_00_sbs.png"),
+        param("scene export pair views -o me.avi", "me_sbs.avi", marks=with_extras),
+        param(
+            "scene export pair views -o views/view_00_00.png",
+            "view_00_00_sbs.png",
+            marks=with_extras,
+        ),
         ("replay walk --junit walk/manifest.json", "manifest.json"),
         ("replay views --expect walk --junit walk/manifest.json", "manifest.json"),
         ("replay views --out walk --junit walk/j.xml", "j.xml"),
-        ("sweep plan.toml --junit walk/manifest.json", "manifest.json"),
+        param("sweep plan.toml --junit walk/manifest.json", "manifest.json", marks=with_extras),
         ("replay walk --out views/out --junit walk/truth.csv", "truth.csv"),
         ("replay walk --out walk/out", "walk/out"),
         ("replay views --scene views --expect views/ref --update", "views/ref"),

@@ -76,7 +76,7 @@ def test_cli_escapes_names_of_files(tmp_path: Path) -> None:
 def test_cli_escapes_a_word_too_many() -> None:
     """click quotes it as it is."""
     controller, terminal_fd = pty.openpty()
-    words = [sys.executable, "-m", "lfpipe", "sweep", "plan.toml", "more\x1b]0;x\x07"]
+    words = [sys.executable, "-m", "lfpipe", "cameras", "more\x1b]0;x\x07"]
     done = subprocess.run(words, stderr=terminal_fd, stdin=subprocess.DEVNULL, check=False)
     os.close(terminal_fd)
     printed = os.read(controller, 4096)

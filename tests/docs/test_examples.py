@@ -2,34 +2,30 @@
 session's data. Commands: test_commands.py.
 """
 
-import asyncio
 import importlib
-import itertools
 import json
 import os
 import re
 import runpy
 import signal
-import socket
-import subprocess
-import sys
 import textwrap
 import time
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 
 from lfpipe import config
-from lfpipe.extras.share.output import LslOutput, Sample, osc_datagram
-from lfpipe.extras.share.target import Target
+from lfpipe.capture.frame_source import FrameSource
+from lfpipe.capture.open_source import camera_name, check_source, clock_of, open_source
+from lfpipe.capture.spec import KINDS
+from lfpipe.config.modes import Live
+from lfpipe.errors import UserError
 from lfpipe.scene import layouts
-from lfpipe.transport.clock import now_ns
 from tests.docs.conftest import PAGES, ROOT, blocks
-from tests.extras.share.receivers import free_port, lsl_environment
-from tests.extras.share.test_outputs import HEAD
 from tests.support.world import World, until
 
 
@@ -99,6 +95,38 @@ def test_stage_example_runs_in_a_session(world: World, scene: Path, tmp_path: Pa
     assert "failed" not in world.ended(process, signal.SIGTERM)
 
 
+def test_source_example_delivers_frames_and_hides_its_password(
+    monkeypatch: pytest.MonkeyPatch, clip: Path
+) -> None:
+    monkeypatch.syspath_prepend(ROOT / "examples" / "lfpipe-example")
+    rtsp = importlib.import_module("lfpipe_example.rtsp")
+    monkeypatch.setitem(KINDS, "rtsp", rtsp.RtspSource)
+    camera = config.Camera()
+    url = "rtsp://me:secret@camera.example/stream"
+    with pytest.raises(UserError, match=r"rtsp://\*\*\*@camera.example/stream: cannot") as refused:
+        monkeypatch.setattr(cv2, "VideoCapture", lambda _: SimpleNamespace(isOpened=bool))
+        check_source(url, camera)
+    assert "secret" not in str(refused.value) + camera_name(url)
+    monkeypatch.undo()
+    monkeypatch.setitem(KINDS, "rtsp", rtsp.RtspSource)
+    capture = cv2.VideoCapture
+    monkeypatch.setattr(cv2, "VideoCapture", lambda _: capture(str(clip)))
+    viewer = check_source(url, camera)
+    assert viewer.source == url and clock_of(url) == Live()
+    source = open_source(url, camera, reconnect=True)
+    out = np.zeros((480, 640, 3), np.uint8)
+    until(lambda: frame_of(source, out) is not None, "a frame")
+    assert out.any() and "secret" not in source.info.name
+    source.close()
+
+
+def frame_of(source: FrameSource, out: np.ndarray) -> object:
+    try:
+        return source.read(out)
+    except TimeoutError:
+        return None
+
+
 def program(word: str) -> str:
     """The block of Python that holds word."""
     return next(block for block in blocks("docs/recipes.md") if word in block)
@@ -119,59 +147,3 @@ def test_window_projection_example_keeps_the_screen_in_place(
         behind = projection @ view @ (*eye[:2], -300, 1)  # straight ahead of the eye
         at_screen = projection @ view @ (*eye[:2], 0, 1)
         np.testing.assert_allclose(behind[:2] / behind[3], at_screen[:2] / at_screen[3], atol=1e-9)
-
-
-def test_eyes_to_page_example_passes_eyes_on(tmp_path: Path) -> None:
-    from tornado.websocket import websocket_connect
-
-    osc_port, web_port = free_port(), free_port()
-    bridge = ROOT / "examples" / "eyes_to_page.py"
-    words = [sys.executable, str(bridge), str(osc_port), str(web_port)]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None and process.stdout.readline().strip() == "passing on"
-
-            async def heard() -> dict[str, list[float]]:
-                connection = await websocket_connect(f"ws://127.0.0.1:{web_port}/eyes")
-                with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-                    sender.sendto(osc_datagram(Sample(1, 2, 3, HEAD)), ("127.0.0.1", osc_port))
-                message = await asyncio.wait_for(connection.read_message(), 60)
-                connection.close()
-                return dict(json.loads(message or ""))
-
-            message = asyncio.run(heard())
-        finally:
-            process.kill()
-    assert message["left"] == pytest.approx(HEAD.left_mm) and message["right"] == pytest.approx(
-        HEAD.right_mm
-    )
-
-
-def test_lab_eyes_example_reads_eyes(tmp_path: Path) -> None:
-    pytest.importorskip("pylsl")
-    os.environ |= lsl_environment(tmp_path)
-    name = f"lab{os.getpid()}"
-    output = LslOutput(Target(kind="lsl", name=name), "recipe", 30.0, True)
-    example = program("lab-eyes")
-    command = [sys.executable, "-c", example.replace("lab-eyes", f"{name}-eyes")]
-    try:
-        with subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        ) as process:
-            seqs = itertools.count()
-
-            def send_until_ended() -> bool:
-                output.send(Sample(next(seqs), now_ns(), now_ns(), HEAD))
-                return process.poll() is not None
-
-            try:
-                until(send_until_ended, "end of the program", 60)
-            finally:
-                process.kill()
-            out, err = process.communicate(timeout=60)
-    finally:
-        output.close()
-    lines = out.splitlines()
-    assert len(lines) == 10 and all(
-        line.split()[:3] == ["-40.0", "5.0", "600.0"] for line in lines
-    ), err

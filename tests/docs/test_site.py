@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.extras.web.browser import Browser, missing
+from tests.support.browser import Browser, missing
 from tests.support.processes import printed
 
 ROOT = Path(__file__).parents[2]

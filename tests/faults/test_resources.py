@@ -200,7 +200,7 @@ def test_record_on_a_full_disk_ends_with_a_whole_frame(world: World, place: Path
         after=after,
     )
     assert done.returncode == 1 and "Traceback" not in done.stderr, done.stderr
-    assert "No space left on device" in done.stderr and "ended early" in done.stderr
+    assert "No space left on device" in done.stderr and "stopped early" in done.stderr
     sequence = open_sequence(kept)
     assert 2 <= len(sequence.packets) < 30
     assert f"frames stored: {len(sequence.packets)}\n" in done.stderr, done.stderr

@@ -218,4 +218,4 @@ def test_a_child_that_fails_says_how_and_is_gone(
 ) -> None:
     running = child(program, limit_s=limit_s)
     assert how in str(refusal(running.result))
-    assert running._process.poll() is not None
+    assert running._process.exit_code is not None

@@ -1,7 +1,6 @@
 """Refusals of monitors, timelines and calibration."""
 
 from lfpipe import config
-from lfpipe.extras.web.server import parse_address
 from lfpipe.monitor.calibrate import by_card
 from lfpipe.monitor.session_reader import Watch
 from lfpipe.monitor.timeline import convert
@@ -9,10 +8,6 @@ from lfpipe.transport.session import Session
 from tests.test_messages import Cause
 
 MESSAGES: dict[str, tuple[Cause, str]] = {
-    "an address without a port": (
-        lambda here: parse_address("host:"),
-        "--web 'host:': not a port … --web :9108",
-    ),
     "a session that is starting": (
         lambda here: Watch(Session("nobody")),
         "session 'nobody' is starting or ending … try again",

@@ -18,12 +18,13 @@ import numpy as np
 import pytest
 from rich.text import Text
 
-from lfpipe.monitor.monitor import fitted, state_text
+from lfpipe.config import converter
+from lfpipe.monitor.monitor import fitted, print_state, state_text
 from lfpipe.monitor.session_reader import Watch
-from lfpipe.supervisor.metrics import session_metrics
-from lfpipe.supervisor.process_table import CORE, SOURCE
+from lfpipe.supervisor.metrics import SessionMetrics, session_metrics
+from lfpipe.supervisor.process_table import CORE, METRICS, SOURCE
 from lfpipe.supervisor.rundir import find
-from lfpipe.transport.status import ROW, SESSION, State
+from lfpipe.transport.status import ROW, SESSION, Row, State
 from tests.support.world import World
 
 ESCAPES = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
@@ -70,9 +71,24 @@ class Terminal:
 def test_state_says_that_there_is_no_camera() -> None:
     rows = {name: np.zeros((), ROW) for name in CORE}
     quality = np.zeros((), SESSION)
-    assert "no camera" in state_text(session_metrics("mine", rows, quality, 0)).plain
+    assert "no camera" in state_text(session_metrics("mine", rows, METRICS, quality, 0)).plain
     rows[SOURCE]["state"] = State.STARTING
-    assert "camera 0.0 Hz" in state_text(session_metrics("mine", rows, quality, 0)).plain
+    assert "camera 0.0 Hz" in state_text(session_metrics("mine", rows, METRICS, quality, 0)).plain
+
+
+def test_monitor_lists_the_metrics_that_stages_declare(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = {name: np.zeros((), ROW) for name in CORE}
+    for row in rows.values():
+        row["state"] = State.RUNNING
+    render = Row(rows["render"], METRICS["render"])
+    render["juddered"], render["onset_ns"] = 3, 61_200_000
+    Row(rows["track"], METRICS["track"])["face"] = 1
+    metrics = session_metrics("mine", rows, METRICS, np.zeros((), SESSION), 0)
+    print_state(converter().structure(metrics.to_dict(), SessionMetrics))
+    printed = capsys.readouterr().out
+    assert "track   face yes\n" in printed
+    assert "juddered 3, onset_ms 61.2, steady_ms -" in " ".join(printed.split())
+    assert max(map(len, printed.splitlines())) <= 80
 
 
 def test_fitted_names_what_it_leaves_out() -> None:

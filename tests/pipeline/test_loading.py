@@ -1,10 +1,8 @@
 """Loads of a running session: cancelled, replaced, shown before they are complete, left without a
-trace in memory; packs in use are kept. And several scenes in one session, chosen by command and by
-the page.
+trace in memory; packs in use are kept. And several scenes in one session, chosen by command.
 """
 
 import contextlib
-import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -15,7 +13,6 @@ import pytest
 from lfpipe import config
 from lfpipe.scene.packer import playlist
 from lfpipe.transport import control
-from tests.extras.web.server import served
 from tests.scene import made
 from tests.support.world import World, connected, write_scene
 
@@ -163,21 +160,3 @@ def test_ctl_load_goes_through_the_playlist(listed: World) -> None:
     assert shown(listed) == (0, 2), "which is in the list"
     for words in ((), ("--next", "amber")):
         listed.refused("ctl", "--session", listed.name, "load", *words)
-
-
-@pytest.mark.live
-def test_page_loads_from_the_playlist_alone(listed: World) -> None:
-    with served(listed) as server:
-        for at, rows in ((2, 4), (0, 2)):
-            status, answer = server.ask("POST", "/ctl", {"cmd": "load", "at": at})
-            assert status == 200 and json.loads(answer)["ok"] and shown(listed) == (at, rows)
-        for wrong in (
-            {"at": 3},
-            {"at": -1},
-            {"at": True},
-            {"scene": "/etc"},
-            {"at": 1, "scene": "/etc"},
-            {},
-        ):
-            assert server.ask("POST", "/ctl", {"cmd": "load", **wrong})[0] == 400, wrong
-        assert shown(listed) == (0, 2)

@@ -115,7 +115,7 @@ def test_monitor_and_ctl_change_the_next_picture(world: World, scene: Path, tmp_
     # otherwise "no face" is reported after 4 s
     with world.entered(), contextlib.closing(Watch(find(world.name))) as watch:
         world.wait_for(
-            lambda: watch.table.rows["render"]["t_face_ns"] > paused_ns,
+            lambda: watch.read().to_dict()["stages"]["render"]["metrics"]["t_face_ns"] > paused_ns,
             "nobody is missed while paused",
         )
     ctl("resume")

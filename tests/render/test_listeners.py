@@ -18,10 +18,11 @@ from lfpipe.eyes import SHOWN
 from lfpipe.render.choice import DisplayTime
 from lfpipe.render.display.display import Display
 from lfpipe.render.listeners.picture_ring import PictureRing
-from lfpipe.render.listeners.share_stamps import ShareStamps
+from lfpipe.render.listeners.shown_stamps import ShownStamps
 from lfpipe.render.listeners.status_row import StatusRow
 from lfpipe.render.listeners.tap_messages import TapMessages
 from lfpipe.render.listeners.trace import Trace, trace_line
+from lfpipe.render.metrics import METRICS
 from lfpipe.render.presentation import REPLACED, Presentation
 from lfpipe.render.stage import RenderStage
 from lfpipe.render.viewer.presence import ViewerState
@@ -149,7 +150,7 @@ def test_status_row_counts(
     presented: list[Presentation],
     metrics: dict[str, int],
 ) -> None:
-    row = Row(np.zeros((), ROW))
+    row = Row(np.zeros((), ROW), METRICS)
     status = StatusRow(row, viewer(), display)
     for one in handed:
         status.handed_over(one)
@@ -217,18 +218,24 @@ def test_picture_ring_begins_with_the_picture_on_the_screen() -> None:
         segment.unlink()
 
 
-def test_share_stamps_only_on_demand_and_of_what_was_seen() -> None:
+def test_shown_stamps_only_on_demand_and_of_what_was_seen() -> None:
     records: list[tuple[int, int]] = []
     slot = np.zeros((), SHOWN)
     publish = lambda seq, *_: records.append((seq, int(slot["t_presented_ns"])))  # noqa: E731
     opened = SimpleNamespace(begin=lambda: slot, publish=publish)
-    stamps = ShareStamps(lambda: opened)  # type: ignore[arg-type, return-value]
+    stamps = ShownStamps(lambda: opened)  # type: ignore[arg-type, return-value]
     stamps.presented(presentation(t_presented_ns=5))
-    stamps.set_options(attrs.evolve(NONE, share=("lsl",)))
+    stamps.set_options(attrs.evolve(NONE, asked_for=("shown",)))
     stamps.presented(presentation(t_presented_ns=6))
     stamps.presented(presentation(by=REPLACED))
     stamps.presented(presentation(eyes=None))
     assert records == [(1, 6)]
+
+
+def test_trace_line_has_the_columns_of_the_contracts() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "contracts.md").read_text()
+    line = json.loads(page.partition("## Trace")[2].split("```")[1].removeprefix("json"))
+    assert {*trace_line(presentation(), "warp", 0), "presented_by"} == line.keys()
 
 
 def test_trace_line_holds_the_blank_that_was_aimed_at() -> None:

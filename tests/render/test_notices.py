@@ -14,6 +14,7 @@ from lfpipe.render.ui.notices import SHOWN_NS, Notices
 from lfpipe.render.ui.recording import RecordingIndicator
 from lfpipe.render.ui.scenes import SceneLoader
 from lfpipe.transport.clock import SECOND_NS, now_ns
+from lfpipe.transport.control import Answer
 
 
 def test_notices_pass_and_states_stay() -> None:
@@ -63,7 +64,7 @@ def loader(notices: Notices, **more: object) -> tuple[SceneLoader, list[dict[str
     """A loader of a session with such options, and the requests that it makes."""
     asked: list[dict[str, object]] = []
     context = SimpleNamespace(
-        options=SimpleNamespace(**{"kiosk": "", "playlist_at": 0, **more}),
+        options=SimpleNamespace(**{"lock_code": "", "playlist_at": 0, **more}),
         row={"t_face_ns": SECOND_NS},
         request=lambda word, **words: asked.append({word: words}),
     )
@@ -74,10 +75,10 @@ def loader(notices: Notices, **more: object) -> tuple[SceneLoader, list[dict[str
     ("code", "at", "alone_s", "loads"),
     [("bye42", 2, 61, 1), ("bye42", 2, 59, 0), ("bye42", 0, 99, 0), ("", 2, 99, 0)],
 )
-def test_scene_loader_of_a_kiosk_begins_with_the_first_scene_for_the_next_visitor(
+def test_scene_loader_of_a_locked_window_begins_with_the_first_scene_for_the_next_visitor(
     code: str, at: int, alone_s: int, loads: int
 ) -> None:
-    scenes, asked = loader(Notices(), kiosk=code, playlist_at=at)
+    scenes, asked = loader(Notices(), lock_code=code, playlist_at=at)
     for _ in range(3):  # asked for once, however often it is looked at
         scenes.serve((1 + alone_s) * SECOND_NS)
     assert asked == [{"load": {"at": 0}}] * loads
@@ -101,8 +102,8 @@ def test_scene_loader_says_how_far_a_scene_is_loaded() -> None:
     report("b", "disparity 3 of 81")
     assert shown() == ["loading b: 2 of 2, disparity 3 of 81"]
     scenes.step(1)  # from the one that is on its way: the first, which replaces it
-    scenes.handle({"cmd": "load", "ok": False, "error": "replaced", "replaced": True})
+    scenes.handle(Answer.of({"cmd": "load", "ok": False, "error": "replaced", "replaced": True}))
     assert asked == [{"load": {"scene": "/b"}}, {"load": {"scene": "/a"}}]
     report("a", "")
-    scenes.handle({"cmd": "load", "ok": False, "error": "/a: the folder is empty"})
+    scenes.handle(Answer.of({"cmd": "load", "ok": False, "error": "/a: the folder is empty"}))
     assert shown() == ["loading a: 1 of 2: refused\n/a: the folder is empty"]

@@ -73,10 +73,10 @@ def test_viewer_neutral_is_the_cameras_middle_or_the_first_face() -> None:
     assert by_hand.right[1] - by_hand.left[1] == pytest.approx(24 / 12)
 
 
-def test_viewer_exhibition_moves_while_nobody_is_there() -> None:
+def test_viewer_sways_on_request_while_nobody_is_there() -> None:
     field = rendered.field(9, 9, 16, 16)
     config = Config(render=Render(method="warp2"))
-    plain, shown = Viewer(field, config), Viewer(field, config, exhibition=True)
+    plain, shown = Viewer(field, config), Viewer(field, config, sways_alone=True)
     empty = [shown.viewpoints(None, 0, t * S // 10) for t in range(300)]
     cols = [look.left[1] for look in empty]
     assert max(cols) - min(cols) > 4 and max(np.abs(np.diff(cols))) < 0.2

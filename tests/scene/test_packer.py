@@ -19,8 +19,7 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.host.file_lock import waited_for
 from lfpipe.scene import cache
-from lfpipe.scene.lightfield import Manifest
-from lfpipe.scene.open_scene import PackerRequest, Packing, ask_packer, open_scene, open_scenes
+from lfpipe.scene.open_scene import PackerRequest, Packing, ask_manifest, open_scene, open_scenes
 from lfpipe.scene.pack import open_pack
 from tests.scene import made
 from tests.support.world import runs, until
@@ -35,7 +34,7 @@ def folder(tmp_path: Path) -> Path:
 def test_a_scene_is_packed_by_a_child_once_and_its_facts_need_no_pack(
     folder: Path, scene_config: config.Scene
 ) -> None:
-    manifest = ask_packer(Manifest, folder, scene_config, do="info")
+    manifest = ask_manifest(folder, scene_config)
     assert (manifest.rows, manifest.cols, manifest.key) == (3, 3, "") and cache.packed(
         folder, scene_config
     ) is None

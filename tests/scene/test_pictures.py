@@ -14,7 +14,6 @@ from PIL import Image
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.extras.export.pictures import write_clip
 from lfpipe.scene import layouts
 from lfpipe.scene.layouts.plenoptic import is_honeycomb
 from lfpipe.scene.missing_views import warped_disparity, warped_view
@@ -250,7 +249,8 @@ def test_damaged_portraits_and_pairs_are_refused_or_open(tmp_path: Path) -> None
 def test_a_wiggle_opens_as_a_line_of_views(tmp_path: Path, back: bool) -> None:
     line = made.views(1, 7, 96, 128, 3.0, 0.5)[0]
     frames = [frame[..., ::-1] for frame in ([*line, *line[-2:0:-1]] if back else line)]
-    write_clip(tmp_path / "wiggle.gif", iter(frames), 10)
+    first, *more = map(Image.fromarray, np.ascontiguousarray(np.array(frames)[..., ::-1]))
+    first.save(tmp_path / "wiggle.gif", save_all=True, append_images=more, duration=100)
     source = layouts.describe(tmp_path, AUTO)
     assert (source.layout, source.rows, source.cols) == ("gif", 1, 7)
     assert np.abs(source.read(0, 0, 6).astype(int) - line[6]).mean() < 12  # 256 colours

@@ -6,8 +6,9 @@ from pathlib import Path
 
 from lfpipe.config.modes import NoViewer
 from lfpipe.supervisor import rundir
+from lfpipe.supervisor.check_service import FileChecks
 from lfpipe.supervisor.control_sockets import Request
-from lfpipe.supervisor.file_checks import FileCheck, FileChecks
+from lfpipe.supervisor.file_checks import FileCheck
 from lfpipe.supervisor.requests import respond
 from lfpipe.transport.session import Session
 from tests.supervisor.states import made_state
@@ -15,7 +16,7 @@ from tests.supervisor.states import made_state
 
 def checked_twice(here: Path) -> None:
     request = Request(b"client", message={"cmd": "record"})
-    with closing(FileChecks()) as checks:
+    with closing(FileChecks(set)) as checks:
         for name in ("a", "b"):
             checks.begin(request, FileCheck(check="record", path=str(here / name)))
 
@@ -49,13 +50,6 @@ MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
         (
             "no camera is in use: the scene is a single view\n  remedy: record without a scene:"
             " `lfpipe record OUT`"
-        ),
-    ),
-    "nothing to share": (
-        lambda here: respond(made_state(viewer=NoViewer()), {"cmd": "share", "start": ["lsl"]}, 0),
-        (
-            "no eyes are tracked: the scene is a single view\n  remedy: use `lfpipe up --no-picture"
-            " --share TARGET`"
         ),
     ),
     "a scene beyond the playlist": (

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from lfpipe.config import Config, SceneSummary, SessionOptions, options
 from lfpipe.config.modes import CameraViewer
-from lfpipe.supervisor.requests import HANDLERS
+from lfpipe.supervisor.requests import commands
 from lfpipe.supervisor.session_state import SessionState
 
 SCENE = SceneSummary(
@@ -67,5 +67,5 @@ fields = st.fixed_dictionaries(
     },
 )
 messages = st.builds(
-    lambda cmd, more: {"v": 1, **more, "cmd": cmd}, st.sampled_from(list(HANDLERS)) | values, fields
+    lambda cmd, more: {"v": 1, **more, "cmd": cmd}, st.sampled_from(commands()) | values, fields
 )

@@ -5,8 +5,9 @@ from contextlib import closing
 from pathlib import Path
 
 from lfpipe.errors import UserError
+from lfpipe.supervisor.check_service import CheckEvent, FileChecks
 from lfpipe.supervisor.control_sockets import Request
-from lfpipe.supervisor.file_checks import CheckEvent, FileCheck, FileChecks
+from lfpipe.supervisor.file_checks import FileCheck
 
 
 def finish(checks: FileChecks, count: int) -> list[CheckEvent]:
@@ -14,14 +15,14 @@ def finish(checks: FileChecks, count: int) -> list[CheckEvent]:
     events: list[CheckEvent] = []
     while len(events) < count:
         select.select(checks.fds, [], [], 0.05)
-        events += checks.update(())
+        events += checks.events()
     return events
 
 
 def test_keep_writes_settings_one_after_the_other(tmp_path: Path) -> None:
     path = tmp_path / "config.toml"
     path.write_text("# mine\n[render]\nmethod = 'warp'\n")
-    with closing(FileChecks()) as checks:
+    with closing(FileChecks(set)) as checks:
         for values in ({"swap_eyes": True}, {"anaglyph": "mono"}):
             check = FileCheck(check="keep", path=str(path), section="render", values=values)
             checks.begin(Request(b"render", message={"cmd": "keep"}), check)
@@ -34,7 +35,7 @@ def test_keep_writes_settings_one_after_the_other(tmp_path: Path) -> None:
 def test_keep_reports_a_file_that_it_cannot_change(tmp_path: Path) -> None:
     path = tmp_path / "config.toml"
     path.write_text("[render")
-    with closing(FileChecks()) as checks:
+    with closing(FileChecks(set)) as checks:
         check = FileCheck(check="keep", path=str(path), section="render", values={"depth": 1.0})
         checks.begin(Request(b"render", message={"cmd": "keep"}), check)
         (event,) = finish(checks, 1)

@@ -2,7 +2,6 @@
 
 import os
 import select
-from collections.abc import Collection
 from contextlib import closing
 from pathlib import Path
 
@@ -24,11 +23,14 @@ def zenity(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return program
 
 
-def chosen(dialog: FileDialog, connections: Collection[int] = (7,)) -> tuple[Request, str] | None:
+CONNECTIONS = {7}
+
+
+def chosen(dialog: FileDialog) -> tuple[Request, str] | None:
     """What comes of a dialog that ends."""
     while dialog.fds:
         select.select(dialog.fds, [], [], 60)
-        if answer := dialog.update(connections):
+        if answer := dialog.chosen():
             return answer
     return None
 
@@ -44,15 +46,15 @@ def chosen(dialog: FileDialog, connections: Collection[int] = (7,)) -> tuple[Req
 )
 def test_dialog_returns_the_chosen_path(zenity: Path, script: str, path: str) -> None:
     zenity.write_text(f"#!/bin/sh\n{script}\n")
-    with closing(FileDialog()) as dialog:
+    with closing(FileDialog(CONNECTIONS.copy)) as dialog:
         dialog.open(REQUEST, folder=True)
         assert chosen(dialog) == (REQUEST, path)
-        assert dialog.update((7,)) is None and not dialog.fds
+        assert dialog.chosen() is None and not dialog.fds
 
 
 def test_dialog_asks_for_a_folder_or_a_file(zenity: Path) -> None:
     zenity.write_text('#!/bin/sh\necho "/$*"\n')
-    with closing(FileDialog()) as dialog:
+    with closing(FileDialog(CONNECTIONS.copy)) as dialog:
         for folder in (True, False):
             dialog.open(REQUEST, folder)
             answer = chosen(dialog)
@@ -61,14 +63,16 @@ def test_dialog_asks_for_a_folder_or_a_file(zenity: Path) -> None:
 
 def test_dialog_is_the_only_one_and_ends_with_its_client(zenity: Path) -> None:
     zenity.write_text("#!/bin/sh\nexec sleep 600\n")
-    with closing(FileDialog()) as dialog:
+    open_now = {7}
+    with closing(FileDialog(open_now.copy)) as dialog:
         dialog.open(REQUEST, folder=False)
         assert "already open" in refusal(dialog.open, REQUEST, True).message
-        assert dialog.update((7,)) is None and dialog.fds
-        assert dialog.update(()) is None and not dialog.fds
+        assert dialog.chosen() is None and dialog.fds
+        open_now.clear()
+        assert dialog.chosen() is None and not dialog.fds
 
 
 def test_dialog_needs_a_program(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    refused = refusal(FileDialog().open, REQUEST, True)
+    refused = refusal(FileDialog(CONNECTIONS.copy).open, REQUEST, True)
     assert "zenity" in refused.remedy and "no file dialog" in refused.message

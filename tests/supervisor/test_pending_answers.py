@@ -32,7 +32,10 @@ def test_pending_answers_await_all_stages() -> None:
     pending.executed("track", {**message, "number": number + 1})
     assert answers(pending, 0, EXECUTE_NS) == []
     pending.executed("track", {"v": 1, "cmd": "executed", "number": number, "ok": True})
-    assert list(pending.due(bool, 1)) == [(FIRST, {"ok": True, "path": "/x"})] and not pending
+    assert (
+        list(pending.due(bool, 1)) == [(FIRST, {"ok": True, "stages": {"render": {"path": "/x"}}})]
+        and not pending
+    )
 
 
 def test_pending_answers_name_a_stage_that_fails_or_is_silent() -> None:

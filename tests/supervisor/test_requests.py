@@ -17,8 +17,8 @@ from lfpipe.scene.open_scene import PackerRequest
 from lfpipe.supervisor.file_checks import FileCheck
 from lfpipe.supervisor.process_table import SCORER
 from lfpipe.supervisor.requests import (
-    HANDLERS,
     Reply,
+    commands,
     on_chosen,
     on_complete,
     on_load,
@@ -34,7 +34,6 @@ from tests.support.refusal import refusal
 ROOT = Path(__file__).parents[2]
 Message = dict[str, Any]
 LIST: Message = {"playlist": ("/a", "/b", "/c"), "playlist_at": 2}
-SHARED: Message = {"share": ("osc:127.0.0.1:9000?rate=60", "lsl:lab")}
 
 
 def reply_to(state: SessionState, message: Message) -> Reply | str:
@@ -113,22 +112,12 @@ REFUSED: list[tuple[str, Message, str, list[Message]]] = [
     ("record", {}, "absolute path", [{"path": "r"}, {"path": 5}]),
     ("record", {"viewer": NoViewer()}, "single view", [{"path": "/r"}]),
     ("trace", {}, "absolute path", [{"path": "t"}, {}]),
-    (
-        "share",
-        {},
-        "list of targets",
-        [{}, {"start": ["lsl"], "stop": []}, {"start": "lsl"}, {"stop": [5]}],
-    ),
-    ("share", {}, "no target given", [{"start": []}]),
-    ("share", {}, "nothing is shared", [{"stop": []}]),
-    ("share", {}, "9 targets", [{"start": ["lsl"] * 9}]),
     ("keep", {}, "needs a section", [{}, {"section": "render"}, {"values": {"method": "warp"}}]),
     ("keep", {}, "unknown key", [{"section": "render", "values": {"x": 1}}]),
     ("keep", {}, "out of range", [{"section": "render", "values": {"alpha_px": -1}}]),
     ("keep", {}, "depth is", [{"depth": "perhaps"}, {"depth": None}, {"depth": []}]),
     ("keep", {"scene": None}, "depth is", [{"depth": "yes"}]),
     ("dialog", {}, "needs `folder`", [{}, {"folder": 1}]),
-    ("share", SHARED, "osc:127.0.0.1:1", [{"stop": ["osc:127.0.0.1:1"]}]),
 ]
 
 
@@ -170,17 +159,13 @@ def test_respond_load_takes_a_path_a_number_or_a_step(words: Message, path: str)
     [
         ({"cmd": "trace", "path": "/t"}, {"path": "/t", "source": "demo"}),
         ({"cmd": "record", "path": "/r"}, {"path": "/r", "source": "demo"}),
-        (
-            {"cmd": "share", "start": ["/x", "/y"]},
-            {"path": "/x, /y", "targets": ("/x", "/y")},
-        ),
     ],
 )
 def test_respond_has_outputs_checked_by_a_child(message: Message, check: Message) -> None:
     for viewer in (VIEWER, MouseViewer()):
         reply = respond(made_state(viewer=viewer), message, 0)
-        sources = {} if message["cmd"] == "share" else {"source": viewer.source}
-        assert reply == Reply(check=FileCheck(check=message["cmd"], **{**check, **sources}))
+        asked = {**check, "check": message["cmd"], "source": viewer.source}
+        assert reply == Reply(check=FileCheck(**asked))
 
 
 @pytest.mark.parametrize(
@@ -191,21 +176,6 @@ def test_respond_has_outputs_checked_by_a_child(message: Message, check: Message
         (LIST, {"cmd": "load", "scene": "/b"}, SCENE, {"pack": SCENE.pack}, {"playlist_at": 1}),
         (LIST, {"cmd": "load", "step": 1}, SCENE, {"pack": SCENE.pack}, {"playlist_at": 0}),
         (LIST, {"cmd": "load", "scene": "/x"}, SCENE, {"pack": SCENE.pack}, {"playlist_at": 2}),
-        (
-            SHARED,
-            {"cmd": "share", "start": ["opentrack:h:1"]},
-            {"targets": ["opentrack:10.0.0.1:1"]},
-            {"share": [*SHARED["share"], "opentrack:10.0.0.1:1"]},
-            {"share": (*SHARED["share"], "opentrack:10.0.0.1:1")},
-        ),
-        (
-            SHARED,
-            {"cmd": "share", "stop": ["osc:127.0.0.1:9000"]},
-            None,
-            {"share": ["lsl:lab"]},
-            {"share": ("lsl:lab",)},
-        ),
-        (SHARED, {"cmd": "share", "stop": []}, None, {"share": []}, {"share": ()}),
         ({"timeline": "/t"}, {"cmd": "trace", "path": ""}, None, {"path": "/t"}, {"timeline": ""}),
         (
             {"record": "/r"},
@@ -259,9 +229,11 @@ def test_only_the_window_keeps_settings_and_opens_dialogs() -> None:
 def test_on_chosen_loads_the_path_unless_the_dialog_was_cancelled() -> None:
     asked = {"cmd": "dialog", "folder": True}
     assert respond(made_state(), asked, 0, "render") == Reply(dialog="folder")
-    assert on_chosen(made_state(), asked, "") == (asked, Reply(answer={"path": ""}))
-    message, reply = on_chosen(made_state(**LIST), asked, "/b")
-    assert reply == respond(made_state(**LIST), {"cmd": "load", "scene": "/b"}, 0)
+    message, reply = on_chosen(asked, "")
+    assert message == asked and reply(made_state()) == Reply(answer={"path": ""})
+    message, reply = on_chosen(asked, "/b")
+    load = respond(made_state(**LIST), {"cmd": "load", "scene": "/b"}, 0)
+    assert reply(made_state(**LIST)) == load
     loaded = on_load(made_state(**LIST), message, SCENE)
     assert loaded.state is not None and loaded.state.options.playlist_at == 1
 
@@ -315,9 +287,9 @@ def test_on_complete_of_a_scene_no_longer_shown_changes_nothing() -> None:
 
 def test_handlers_have_rows_in_the_contracts() -> None:
     page = (ROOT / "docs" / "contracts.md").read_text()
-    table = page.partition("## Control")[2].partition("## Monitor")[0]
+    table = page.partition("## Control")[2].partition("## Tap")[0]
     first_cells = [line.split("|")[1] for line in table.splitlines() if line.startswith("| `")]
-    assert set(re.findall(r"`(\w+)`", "".join(first_cells))) == set(HANDLERS)
+    assert set(re.findall(r"`(\w+)`", "".join(first_cells))) == set(commands())
 
 
 @pytest.mark.parametrize(

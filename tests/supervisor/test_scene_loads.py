@@ -32,8 +32,14 @@ def news() -> list[dict[str, Any]]:
 
 
 @pytest.fixture
-def loads(news: list[dict[str, Any]]) -> Iterator[SceneLoads]:
-    made = SceneLoads(news.append)
+def connections() -> set[int]:
+    """The connections that are open."""
+    return {5}
+
+
+@pytest.fixture
+def loads(news: list[dict[str, Any]], connections: set[int]) -> Iterator[SceneLoads]:
+    made = SceneLoads(news.append, connections.copy)
     yield made
     made.close()
 
@@ -56,7 +62,7 @@ def events(loads: SceneLoads) -> list[SceneEvent]:
         for fd in loads.fds:
             poller.register(fd, zmq.POLLIN)
         poller.poll(20)
-        happened += loads.update({5})
+        happened += loads.events()
     assert not loads.fds
     return happened
 
@@ -94,6 +100,9 @@ def test_scene_loads_replace_the_first_request(
     assert failed.request is other and isinstance(failed.scene, UserError)
 
 
-def test_scene_loads_end_with_their_client(loads: SceneLoads, scene: Path, settings: Scene) -> None:
+def test_scene_loads_end_with_their_client(
+    loads: SceneLoads, connections: set[int], scene: Path, settings: Scene
+) -> None:
     loads.want(CLIENT, wanted(scene, settings))
-    assert loads.update({1, 2}) == [] and not loads.fds
+    connections.clear()
+    assert loads.events() == [] and not loads.fds

@@ -25,7 +25,7 @@ def finish(previews: ScenePreviews) -> None:
     """Waits until all scenes are read."""
     while previews._reader is not None:
         select.select(previews.fds, [], [], 0.05)
-        previews.update()
+        previews.read()
 
 
 def test_scene_previews_read_every_scene_in_turn(tmp_path: Path) -> None:
@@ -57,8 +57,8 @@ def test_scene_previews_of_another_page_end_those_before(tmp_path: Path) -> None
     previews.begin([str(tmp_path)], Scene())
     process = previews._reader._process  # type: ignore[union-attr]
     previews.begin([], Scene())
-    assert not previews.fds and process.poll() is not None
-    previews.update()
+    assert not previews.fds and process.exit_code is not None
+    previews.read()
     assert messages == []
 
 

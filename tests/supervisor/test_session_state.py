@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from lfpipe.config import Config, Governor, Render, SessionOptions, Track, converter
 from lfpipe.config.modes import CameraViewer, Lossless, MouseViewer, NoViewer
-from lfpipe.supervisor.session_state import TRIAL_NS, ConfigRollback, SessionState
+from lfpipe.supervisor.rollback import TRIAL_NS, ConfigRollback
+from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport import control
 from tests.supervisor.states import SCENE, VIEWER, made_state
 
@@ -131,14 +132,13 @@ def test_config_rollback_settles_what_stages_have_worked_by() -> None:
     rollback = ConfigRollback()
     state = made_state().changed(LOWER)
     begun_ns = 10**9
-    assert rollback.watch(state, False, {"render": 1}, 0) is state, "not applied yet"
+    assert not rollback.watch(state, False, {"render": 1}, 0), "not applied yet"
     rollback.watch(state, True, {"render": 1}, begun_ns)
     more = {"render": 2, "share": 1}  # a stage that has begun meanwhile
-    assert rollback.watch(state, True, more, begun_ns + TRIAL_NS - 1) is state, "too early"
-    assert rollback.watch(state, True, {"render": 1}, begun_ns + TRIAL_NS) is state, (
-        "no output since"
-    )
-    assert rollback.watch(state, True, more, begun_ns + TRIAL_NS).known_good == state.basis
+    assert not rollback.watch(state, True, more, begun_ns + TRIAL_NS - 1), "too early"
+    assert not rollback.watch(state, True, {"render": 1}, begun_ns + TRIAL_NS), "no output since"
+    assert rollback.watch(state, True, more, begun_ns + TRIAL_NS)
+    assert state.settled().known_good == state.basis
 
 
 def test_config_rollback_blames_a_change_that_fails_at_once() -> None:

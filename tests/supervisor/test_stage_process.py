@@ -47,7 +47,7 @@ class Script:
             self.row[name] = value
         self.process = StageProcess(STAGE, Session("s"), self.row)
         self.process.process = Any  # type: ignore[assignment]  # one that lives
-        self.process.overdue()
+        self.process.hang_reason()
 
     def after(self, seconds: float, beats: bool = False, share: float = 0.0) -> str:
         """Judges ten times a second; the first verdict. share: of the time on a CPU."""
@@ -56,7 +56,7 @@ class Script:
             self.cpu_ns += int(share * 100 * MS_NS)
             if beats:
                 self.row["beat_ns"] = self.t_ns
-            if why := self.process.overdue():
+            if why := self.process.hang_reason():
                 return why
         return ""
 
@@ -76,7 +76,7 @@ PHASES: dict[
 
 
 @pytest.mark.parametrize("phase", PHASES)
-def test_overdue_gives_each_phase_its_time(phase: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_hang_reason_gives_each_phase_its_time(phase: str, monkeypatch: pytest.MonkeyPatch) -> None:
     row, limit_s = PHASES[phase]
     script = Script(monkeypatch, **row)
     assert script.after(3 * limit_s, beats=True) == "" and script.after(limit_s) == ""
@@ -94,7 +94,7 @@ def test_overdue_gives_each_phase_its_time(phase: str, monkeypatch: pytest.Monke
         )
 
 
-def test_overdue_waits_for_a_disk(
+def test_hang_reason_waits_for_a_disk(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     script = Script(monkeypatch)
@@ -103,14 +103,14 @@ def test_overdue_waits_for_a_disk(
     assert Script(monkeypatch, state=State.STOPPING).after(1000) == ""
 
 
-def test_overdue_forgives_once_after_a_sleep(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_hang_reason_forgives_once_after_a_sleep(monkeypatch: pytest.MonkeyPatch) -> None:
     script = Script(monkeypatch)
     script.t_ns += int((ASLEEP_S + 10) * 1e9)
     assert script.after(STAGE.hang_timeout_s) == "" and "no beat" in script.after(0.5)
 
 
 class Ending:
-    """A process that has been asked to stop, on a scripted clock. saves: for so long it writes
+    """A process that has been asked to stop, on a scripted clock. save_s: for so long it writes
     results; then it ends or, if it hangs, waits for SIGKILL.
     """
 
@@ -126,7 +126,7 @@ class Ending:
         return signals.KILL not in self.signals if self._hangs else self._clock[0] < self._saved_ns
 
     @property
-    def saves(self) -> str:
+    def saving_description(self) -> str:
         return "writing what is left" if self._clock[0] < self._saved_ns else ""
 
     def reap(self) -> None: ...

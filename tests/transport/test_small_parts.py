@@ -1,4 +1,4 @@
-"""Clock, histogram, status, notices, wake and control, each against its contract."""
+"""Clock, histogram, status, metrics, wake and control, each against its contract."""
 
 import os
 from concurrent.futures import ThreadPoolExecutor
@@ -10,7 +10,6 @@ import pytest
 import zmq
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from lfpipe.host import segment
 from lfpipe.host.segment import WrongSegment
@@ -24,7 +23,7 @@ from lfpipe.transport.histogram import (
     middle_us,
     summary_ms,
 )
-from lfpipe.transport.notices import FACELESS_NS, FAULT_NS, faults, notices
+from lfpipe.transport.metrics import MAX_HISTOGRAMS, MAX_VALUES, NO_METRICS, Kind, Metric, MetricSet
 from lfpipe.transport.status import ROW, Row, State, Table
 from tests.support.refusal import refusal
 
@@ -97,15 +96,29 @@ def test_summary_ms_is_that_of_the_values(values_ns: list[int]) -> None:
     assert summary_ms(histogram.record) == pytest.approx(expected, abs=2e-4)
 
 
+METRICS = MetricSet(
+    Metric("faces", Kind.COUNT, "frames with a face"),
+    Metric("onset_ns", Kind.DURATION, "latency at the onset of a motion"),
+    Metric("steady_ns", Kind.DURATION, "latency in motion"),
+    Metric("prediction", Kind.HISTOGRAM, "how far eyes are predicted"),
+    Metric("seat", Kind.STATE, "whether somebody is seated", ("free", "taken")),
+    Metric("dim", Kind.FLAG, "whether there is too little light"),
+)
+
+
 def test_status_row_is_seen_by_another_attachment() -> None:
     name = f"lfpipe-test-{os.getpid()}-status"
-    memory = status.create(name, ["capture", "track"])
+    memory = status.create(name, {"capture": NO_METRICS, "track": METRICS})
     table = Table(name, writable=True)
-    row = Row(table.rows["track"])
+    row = Row(table.rows["track"], METRICS)
+    row["faces"] += 3
+    row["onset_ns"] = 61_200_000
+    row["seat"] = 1
+    row.histograms["prediction"].add_ns(2_000_000)
     row["state"] = State.RUNNING
     for i in range(100):
-        row.tick(i)
-        row.measure(1000, 2_000_000, 3_000_000)
+        row.count_output(i)
+        row.record_latency(1000, 2_000_000, 3_000_000)
     del row
     table.close()
     watch = Table(name)
@@ -119,10 +132,44 @@ def test_status_row_is_seen_by_another_attachment() -> None:
     assert list(watch.rows) == ["capture", "track"] and int(watch.rows["capture"]["seq"]) == 0
     with pytest.raises(ValueError, match="read-only"):
         seen["seq"] = 5
+    assert watch.metrics["capture"].read(watch.rows["capture"]) == {}
+    metrics = watch.metrics["track"].read(seen)
+    assert metrics.pop("prediction") == summary_ms(seen["histograms"][0])
+    assert metrics == {
+        "faces": 3,
+        "onset_ms": 61.2,
+        "steady_ms": None,
+        "seat": "taken",
+        "dim": False,
+    }
+    assert [one.meaning for one in watch.metrics["track"]] == [one.meaning for one in METRICS]
     del seen
     watch.close()
     memory.close()
     memory.unlink()
+
+
+@pytest.mark.parametrize(
+    "metrics",
+    [
+        [Metric(f"m{at}", Kind.COUNT, "") for at in range(MAX_VALUES + 1)],
+        [Metric(f"m{at}", Kind.HISTOGRAM, "") for at in range(MAX_HISTOGRAMS + 1)],
+        [Metric("m", Kind.COUNT, ""), Metric("m", Kind.HISTOGRAM, "")],
+    ],
+)
+def test_metric_set_refuses_what_does_not_fit_a_row(metrics: list[Metric]) -> None:
+    with pytest.raises(ValueError, match="a stage"):
+        MetricSet(*metrics)
+    full = MetricSet(*metrics[:1])
+    assert [one.name for one in full] == [metrics[0].name]
+
+
+def test_status_table_refuses_what_does_not_fit() -> None:
+    wide = MetricSet(*(Metric(f"m{at}", Kind.COUNT, "x" * 1000) for at in range(MAX_VALUES)))
+    with pytest.raises(ValueError, match="do not fit"):
+        status.create("lfp-test", {"capture": wide})
+    with pytest.raises(ValueError, match="do not fit"):
+        status.create("lfp-test", dict.fromkeys("abcdefghi", NO_METRICS))
 
 
 SIGNED = status.MAGIC + status.LAYOUT.to_bytes(8, "little")
@@ -138,11 +185,12 @@ SIGNED = status.MAGIC + status.LAYOUT.to_bytes(8, "little")
         status.MAGIC + bytes(2**17),
         b"x" * 2**17,
         SIGNED,
+        SIGNED + b"\x02" + bytes(7) + bytes(48) + b"[]" + bytes(status.SIZE_BYTES),
     ],
 )
 def test_status_table_refuses_another_version(data: bytes) -> None:
     """Another ring, one made just now, one of another version, one of other fields, anything else,
-    and one that is cut short.
+    one that is cut short, and one without declarations.
     """
     name = f"lfp-test-{os.getpid()}"
     memory = segment.create(name, max(len(data), 64))
@@ -150,7 +198,7 @@ def test_status_table_refuses_another_version(data: bytes) -> None:
     try:
         with pytest.raises(WrongSegment) as error:
             Table(name)
-        named = "bytes of" if data is SIGNED else repr(data[:8])[2:-1]
+        named = "of this version" if data.startswith(SIGNED) else repr(data[:8])[2:-1]
         assert name in error.value.message and named in error.value.message and error.value.remedy
     finally:
         memory.close()
@@ -235,56 +283,13 @@ def test_request_ends_with_a_session_that_ends_before_it_answers(tmp_path: Path)
     assert "ended before it answered" in str(error)
 
 
-T_NS = 10**12
-
-
-@pytest.fixture
-def rows(monkeypatch: pytest.MonkeyPatch) -> dict[str, NDArray[np.void]]:
-    monkeypatch.setattr("lfpipe.transport.notices.now_ns", lambda: T_NS)
-    made = {name: np.zeros((), ROW) for name in ("capture", "track", "render")}
-    for row in made.values():
-        row["state"] = State.RUNNING
-    made["render"]["t_face_ns"] = T_NS - FACELESS_NS
-    return made
-
-
-def told(rows: dict[str, NDArray[np.void]]) -> list[str]:
-    return notices(rows, "capture", "render")
-
-
-def test_notices_tell_a_missing_face_while_all_run(
-    rows: dict[str, NDArray[np.void]],
-) -> None:
-    assert told(rows) == []
-    rows["render"]["t_face_ns"] -= 1
-    assert told(rows) == ["no face for 4 s: move into the camera's view"]
-    rows["capture"]["state"] = State.READY
-    assert told(rows) == ["camera lost, trying again"]
-    rows["capture"]["state"] = State.NONE
-    assert told(rows) == [], "the mouse is the viewer"
-
-
-def test_notices_tell_a_fault_instead_of_a_missing_face(
-    rows: dict[str, NDArray[np.void]],
-) -> None:
-    rows["render"]["t_face_ns"] -= 1
-    rows["track"]["fault"] = b"the filter is broken"
-    rows["track"]["fault_since_ns"] = T_NS - FAULT_NS
-    assert list(faults(rows, T_NS)) == [], "a few frames"
-    assert list(faults(rows, T_NS + 1)) == [("the filter is broken", False)]
-    rows["track"]["outputs_faulty"] = rows["track"]["outputs_ok"] = 30
-    rows["track"]["fault_since_ns"] -= 1
-    assert list(faults(rows, T_NS)) == [("the filter is broken", True)]
-    assert told(rows) == ["the filter is broken: the picture does not follow you"]
-
-
-def test_judge_keeps_the_time_of_the_first_fault() -> None:
+def test_report_health_keeps_the_time_of_the_first_fault() -> None:
     row = Row(np.zeros((), ROW))
-    row.judge("", True)
+    row.report_health("", True)
     assert (row["fault_since_ns"], row["outputs_ok"], row["outputs_faulty"]) == (0, 1, 0)
-    row.judge("broken", False)
+    row.report_health("broken", False)
     since_ns = row["fault_since_ns"]
-    row.judge("broken", False)
+    row.report_health("broken", False)
     assert row["fault_since_ns"] == since_ns > 0 and row["outputs_faulty"] == 2
-    row.judge("", False)
+    row.report_health("", False)
     assert not row.record["fault"].item() and row["outputs_ok"] == 1, "nobody there proves nothing"

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import click
 
-from lfpipe.cli import FROM_MENU
-from lfpipe.cli.terminal import print_result
+from lfpipe.cli.terminal import print_error, print_result
+from lfpipe.errors import UserError
 from lfpipe.files.output import check_output, write_output, written_by_lfpipe
 
 TYPES = (
@@ -50,7 +50,7 @@ def _files() -> dict[Path, str]:
     program = sys.executable.replace("%", "%%")
     for character in '\\"`$':  # quoted for Exec, and once more as a value of the file
         program = program.replace(character, "\\\\" + character)
-    command = f'env {FROM_MENU}=1 "{program}" -m lfpipe'
+    command = f'"{program}" -m lfpipe.extras.exhibition'
     opens = f" up %f\nNoDisplay=true\nMimeType={TYPES}"
     return {
         data / "applications" / "lfpipe.desktop": ENTRY.format(command=command, more=""),
@@ -59,8 +59,10 @@ def _files() -> dict[Path, str]:
     }
 
 
-def show_error(text: str) -> None:
-    """Shows an error in a dialog, if a program for that is installed."""
+def show_error(error: UserError) -> None:
+    """Shows an error also in a dialog, if a program for that is installed."""
+    print_error(error)
+    text = f"error: {error}"
     installed = [command for command in DIALOGS if shutil.which(command[0])]
     if installed:
         subprocess.run([*installed[0], text], check=False)

@@ -5,6 +5,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -12,10 +13,12 @@ from lfpipe import config as configuration
 from lfpipe.cli.options import PATH
 from lfpipe.cli.terminal import print_result, say
 from lfpipe.config import user_file
+from lfpipe.config.modes import Window
 from lfpipe.errors import UserError
 from lfpipe.files.output import check_output, write_output
 from lfpipe.files.safe_files import read_text, write_file
 from lfpipe.host.files import exists
+from lfpipe.render.display.open_display import parse_display
 
 AGAIN_S = 2.0  # pause between a failed session and the next
 CODE_BYTES = 256  # more than anybody types
@@ -75,6 +78,29 @@ def until_it_ends(first: Callable[[], int], again: Callable[[], int]) -> int:
         say(f"the exhibition restarts in {AGAIN_S:g} s")
         time.sleep(AGAIN_S)
         run = again
+
+
+def up(proceed: Callable[..., Any], *, kiosk: bool, code_file: Path | None, **values: Any) -> Any:
+    """`lfpipe up` as an exhibition: a window in full screen that only the code closes, started
+    again after a failure, also without its camera.
+    """
+    if not kiosk:
+        if code_file:  # who thinks the window is locked must not find it open
+            raise click.UsageError("--code-file needs --kiosk")
+        return proceed(**values)
+    display = values["display"] or "fullscreen"
+    if not isinstance(parse_display(display), Window):
+        raise UserError(
+            f"--kiosk with --display {display}: an exhibition needs a screen",
+            "leave out one or the other",
+        )
+    locked = {
+        "display": display,
+        "lock_code": kiosk_code(code_file),
+        "wait_for_camera": True,
+        "run_policy": until_it_ends,
+    }
+    return proceed(**values | locked)
 
 
 @click.group()

@@ -1,8 +1,8 @@
 """Share: sends the viewer's eyes and head, and the stamps of shown pictures, to other programs.
 
 Reads: ring "eyes", in order; ring "shown", in order, if a target's protocol has pictures.
-Writes: the targets of option "share".
-Commands: stop; targets by option "share", camera.* by configuration. Asks: share (to end a target
+Writes: the targets of option "share" of the extras.
+Commands: stop; targets by that option, camera.* by configuration. Asks: share (to end a target
 that cannot be opened).
 Emits: notice (a target fails, or works again).
 """
@@ -20,6 +20,7 @@ from lfpipe.track.head import LOST_NS, HeadEstimator
 from lfpipe.transport.clock import Ticker, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Stamp
+from lfpipe.transport.ring_io import RingInput
 
 
 @attrs.define
@@ -37,7 +38,8 @@ class Sharer:
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self._eyes, self._shown = context.input("eyes"), context.input("shown")
+        self._eyes = context.input("eyes")
+        self._shown: RingInput | None = None  # once a target has pictures
         self._record, self._picture = np.zeros((), EYES), np.zeros((), SHOWN)
         self._stamp: Stamp | None = None
         self._estimator = HeadEstimator(context.config)
@@ -45,7 +47,7 @@ class Sharer:
 
     def set_targets(self) -> None:
         """Opens and closes targets as the session's options require."""
-        targets = self._context.options.share
+        targets = self._context.options.extra("share")
         self._estimator.config = self._context.config
         for text in self._channels.keys() - targets:
             self._channels.pop(text).output.close()
@@ -62,6 +64,7 @@ class Sharer:
                 if target.kind == "lsl":
                     # liblsl's threads inherit it: many receivers do not delay a picture
                     yield_to_others()
+                    self._shown = self._shown or context.input("shown")
                     output = LslOutput(
                         target,
                         context.spec.session.run,
@@ -110,13 +113,12 @@ class Sharer:
                 if channel.ticker is None:
                     self._send(channel, stamp, stamp.t_sensor_ns)
             t_sent_ns = now_ns()
-            context.row.tick(stamp.source_seq)
-            context.row.measure(
+            context.row.count_output(stamp.source_seq)
+            context.row.record_latency(
                 t_taken_ns - stamp.t_publish_ns,
                 t_sent_ns - t_taken_ns,
                 t_sent_ns - stamp.t_sensor_ns,
             )
-            context.row["face"] = int(self._record["face"])
 
     def send_predicted(self) -> None:
         """Sends predicted eyes that are due; none while no frames arrive."""
@@ -130,6 +132,8 @@ class Sharer:
 
     def send_pictures(self) -> None:
         """Sends the stamps of shown pictures."""
+        if self._shown is None:
+            return
         while (stamp := self._shown.take(self._picture, in_order=True)) is not None:
             for channel in self._channels.values():
                 if isinstance(channel.output, LslOutput):

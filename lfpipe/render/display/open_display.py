@@ -126,7 +126,7 @@ def open_display(
     UserError if it cannot be opened.
     """
     match target:
-        case Window(fullscreen=fullscreen, kiosk=code):
+        case Window(fullscreen=fullscreen, lock_code=code):
             from lfpipe.render.display.window import ScreenWindow
 
             title = title if code else f"{title} ({HINT})"

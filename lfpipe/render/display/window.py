@@ -281,7 +281,7 @@ class ScreenWindow(Display):
         return self._mouse(native) if native.type in MOUSE else None
 
     def _point(self, event: pygame.Event) -> None:
-        """Moves the pointer. In an exhibition any touch or button looks around, as elsewhere the
+        """Moves the pointer. In a locked window any touch or button looks around, as elsewhere the
         right button does.
         """
         if event.type == pygame.MOUSEWHEEL:

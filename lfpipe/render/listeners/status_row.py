@@ -22,7 +22,7 @@ class StatusRow(Listener):
     def handed_over(self, presentation: Presentation) -> None:
         row = self._row
         eyes = presentation.eyes
-        row.tick(eyes.stamp.source_seq if eyes else -1)
+        row.count_output(eyes.stamp.source_seq if eyes else -1)
         row["cpu_ns"] = time.process_time_ns()
         row["planned"] += bool(presentation.due_ns and self._display.vblank_source)
         if eyes is None:
@@ -31,7 +31,7 @@ class StatusRow(Listener):
         row["face"] = presentation.face
         if presentation.face:
             row["t_face_ns"] = presentation.t_started_ns
-            row.prediction.add_ns(
+            row.histograms["prediction"].add_ns(
                 min(presentation.display_time.seen_ns - eyes.t_ns, MAX_PREDICTION_NS)
             )
 
@@ -49,4 +49,4 @@ class StatusRow(Listener):
             age_ns = (
                 presentation.t_presented_ns - eyes.t_ns if presentation.by != REPLACED else None
             )
-            self._row.measure(eyes.waited_ns, presentation.cost_ns, age_ns)
+            self._row.record_latency(eyes.waited_ns, presentation.cost_ns, age_ns)

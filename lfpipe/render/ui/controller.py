@@ -22,7 +22,7 @@ from lfpipe.render.viewer.mouse_look import MouseLook
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
-from lfpipe.transport.control import Message
+from lfpipe.transport.control import Answer
 
 HINT_NS = 6 * SECOND_NS  # a person looks at the scene first
 
@@ -63,7 +63,7 @@ class Ui:
         """The page over the picture."""
         # the page of scenes opens after the question and the test of the glasses
         self._scenes_wait = context.options.start and first
-        if not (context.options.kiosk or self.page or self._scenes_wait):
+        if not (context.options.lock_code or self.page or self._scenes_wait):
             self.notices.show("hint", HINT, HINT_NS)
         self._changes.ask_about_depth()
         self._set_overlay(now_ns())  # keys that are pressed now are for the menu
@@ -89,13 +89,12 @@ class Ui:
             self.presenter.redraw()
         self._set_overlay(t_ns)
 
-    def handle(self, message: Message) -> None:
+    def handle(self, answer: Answer) -> None:
         """Handles the answer to a request of the window."""
-        command = message.get("cmd")
-        if command in ("load", "dialog") or not message["ok"]:
-            self.scenes.handle(message)
-        elif command == "keep" and "values" in message:
-            self.notices.show("kept", self.settings.kept_text(message["values"]))
+        if answer.cmd in ("load", "dialog") or not answer.ok:
+            self.scenes.handle(answer)
+        elif answer.cmd == "keep" and "values" in answer.values:
+            self.notices.show("kept", self.settings.kept_text(answer.values["values"]))
 
     def open_page(self, page: Page) -> None:
         """Opens a page in place of another; closes it if it is open."""
@@ -145,7 +144,7 @@ class Ui:
     def _bar(self) -> tuple[Item, ...]:
         options = self.context.options
         field = self.viewer.field
-        if options.kiosk:
+        if options.lock_code:
             return ()
         without = set() if len(options.playlist) > 1 or options.start else {"choose"}
         if not options.viewer.tracked:

@@ -3,13 +3,13 @@
 from lfpipe.config import Render
 from lfpipe.config.modes import Window
 from lfpipe.config.quality import level_number
+from lfpipe.notices import NoticeKind, latency_lines, notices
 from lfpipe.render.synthesis.zero_plane import zero_plane_px
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.scene.inverted_depth import undecided
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.histogram import summary_ms
-from lfpipe.transport.notices import NO_FACE, latency_lines, notices
 from lfpipe.transport.status import State, rate_hz
 
 SHOWN_NS = 2 * SECOND_NS  # reading a line takes 1 s
@@ -59,7 +59,11 @@ def status_lines(context: Context, viewer: Viewer) -> tuple[str, ...]:
     camera = f"camera {rate_hz(source):5.1f} Hz" if has_camera else "no camera"
     lines = [
         f"{camera}   pictures {rate_hz(own):5.1f} Hz",
-        *latency_lines(summary_ms(own["age"]), summary_ms(own["prediction"]), bool(own["planned"])),
+        *latency_lines(
+            summary_ms(own["age"]),
+            summary_ms(context.row.histograms["prediction"].record),
+            bool(context.row["planned"]),
+        ),
         (
             f"{viewer.method}, {render.anaglyph}, {alpha}, zero plane"
             f" {zero_plane_px(field, render):+.2f} px/view"
@@ -140,7 +144,7 @@ class ChangeNotices:
         """Tells, the first time an undecided scene is shown, how to invert depth."""
         options = self._context.options
         field = self._viewer.field
-        on_screen = isinstance(options.display, Window) and not options.kiosk
+        on_screen = isinstance(options.display, Window) and not options.lock_code
         if on_screen and undecided(field, self._context.config.scene.invert_depth):
             self._shown.show("depth order", "press d if the depth looks inverted", ASKED_NS)
             self._context.request("keep", depth="asked")
@@ -151,11 +155,12 @@ def standing_notices(context: Context, knows_rows: bool) -> list[str]:
     lines = []
     if context.config.render.anaglyph == "row-interleaved" and not knows_rows:
         lines.append(ROWS_UNKNOWN)
-    is_exhibition = bool(context.options.kiosk)
+    is_locked = bool(context.options.lock_code)
     if context.paused:
-        lines.append("paused" if is_exhibition else "paused: press p or space to resume")
-    current = notices(context.table.rows, context.spec.source, context.spec.name)
-    if current and is_exhibition:  # the notices themselves are for its operator
-        is_alone = any(line.startswith(NO_FACE) for line in current)
-        current = [INVITATION if is_alone else DRAG]
-    return [*lines, *current]
+        lines.append("paused" if is_locked else "paused: press p or space to resume")
+    t_face_ns = context.row["t_face_ns"]
+    current = notices(context.table.rows, context.spec.source, context.spec.name, t_face_ns)
+    if current and is_locked:  # the notices themselves are for its operator
+        is_alone = any(notice.kind is NoticeKind.NO_FACE for notice in current)
+        return [*lines, INVITATION if is_alone else DRAG]
+    return [*lines, *(notice.text for notice in current)]

@@ -23,7 +23,7 @@ from lfpipe.scene.cache import cache_root
 from lfpipe.scene.recent_scenes import forget_scene
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
-from lfpipe.transport.control import Message
+from lfpipe.transport.control import Answer, Message
 from lfpipe.transport.ring import Reader
 
 ALONE_NS = 60 * SECOND_NS  # then the visitor is assumed to have left
@@ -77,19 +77,18 @@ class SceneLoader:
         self._asked = str(scene)
         self._asked_ns = now_ns()
 
-    def handle(self, answer: Message) -> None:
+    def handle(self, answer: Answer) -> None:
         """Handles the answer to a request: the picture shows a refusal for a while."""
-        if answer.get("replaced"):
+        if answer.values.get("replaced"):
             return
-        if not answer["ok"]:
+        if not answer.ok:
             lines = [f"{self._what()}: refused".removeprefix(": ")]
-            remedy = answer.get("remedy", "")
             # a command line is of no use in the window
-            shown = "" if TYPED.search(remedy) else remedy
-            for text in (answer["error"], shown):
+            shown = "" if TYPED.search(answer.remedy) else answer.remedy
+            for text in (answer.error, shown):
                 lines += textwrap.wrap(text, LINE_CHARS)[:MAX_LINES]
             self._notices.show("refused", "\n".join(lines), REFUSED_NS)
-        if answer.get("cmd") in ("load", "dialog"):
+        if answer.cmd in ("load", "dialog"):
             self._asked = ""
 
     def report(self, news: Message) -> None:
@@ -118,11 +117,11 @@ class SceneLoader:
         )
 
     def serve(self, t_ns: int) -> None:
-        """In an exhibition, requests the first scene for the next visitor."""
+        """In a locked window, requests the first scene for the next visitor."""
         options = self._context.options
         alone_ns = t_ns - int(self._context.row["t_face_ns"])
         if (
-            options.kiosk
+            options.lock_code
             and options.playlist_at
             and alone_ns > ALONE_NS
             and t_ns > self._first_due_ns

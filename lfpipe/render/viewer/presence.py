@@ -278,9 +278,7 @@ EYE_DISTANCE_VIEWS = 1.0  # at most, between the eyes, before any eyes were seen
 
 
 def idle_place(neutral: Place, grid: tuple[int, int], t_s: float) -> Place:
-    """The neutral place of an exhibition's picture after t_s with nobody there: it sways slowly
-    through grid (rows, cols).
-    """
+    """The neutral place after t_s with nobody there: it sways slowly through grid (rows, cols)."""
     row, left, right = neutral
     rows, cols = grid
     row += REACH * (rows - 1) / 2 * math.sin(math.tau * t_s / PERIOD_ROWS_S)

@@ -79,11 +79,11 @@ class Viewer:
         self,
         field: LightField,
         config: Config,
-        exhibition: bool = False,
+        sways_alone: bool = False,
         neutral_is_fixed: bool = False,
         helper: Executor | None = None,
     ) -> None:
-        """exhibition: the picture moves while nobody is there. neutral_is_fixed: to the middle of
+        """sways_alone: the picture moves while nobody is there. neutral_is_fixed: to the middle of
         the camera picture, around which the mouse moves. helper: a thread on another core, for half
         of a large picture.
         """
@@ -107,8 +107,8 @@ class Viewer:
         self._tracked_ns = -1  # stamp of the last record that presence processed
         self._start_ns = 0  # of a video
         self._easing = ViewEasing()
-        self._exhibition = exhibition
-        self._alone_ns: int | None = None  # since when an exhibition has no viewer
+        self._sways_alone = sways_alone
+        self._alone_ns: int | None = None  # since when there is no viewer
         # px per second of the raw eyes, by the last two frames of a track
         self._raw_px_s = (0.0, 0.0)
         self._raw: tuple[EyesRecord, int] | None = None  # the last frame with a face, its stamp
@@ -232,10 +232,10 @@ class Viewer:
         return used_px, left, right
 
     def _place_alone(self, neutral: Place, t_shown_ns: int, absent: bool) -> Place:
-        """The place without a face, on the way to the neutral one; in an exhibition with nobody
+        """The place without a face, on the way to the neutral one; with sways_alone and nobody
         there, around it.
         """
-        if self._exhibition and (absent or self.presence.state is ViewerState.NOBODY):
+        if self._sways_alone and (absent or self.presence.state is ViewerState.NOBODY):
             self._alone_ns = t_shown_ns if self._alone_ns is None else self._alone_ns
             t_s = (t_shown_ns - self._alone_ns) / 1e9
             neutral = idle_place(neutral, (self.field.rows, self.field.cols), t_s)

@@ -15,8 +15,8 @@ def test_desktop_entries_are_valid_and_go_again(world: World) -> None:
     for _ in range(2):  # its own files are replaced
         done = world.done("desktop", "install")
     entry, opens, icon = map(Path, done.stdout.splitlines())
-    assert f'Exec=env LFPIPE_FROM_MENU=1 "{sys.executable}" -m lfpipe\n' in entry.read_text()
-    assert " -m lfpipe up %f\n" in opens.read_text() and icon.suffix == ".svg"
+    assert f'Exec="{sys.executable}" -m lfpipe.extras.exhibition\n' in entry.read_text()
+    assert " -m lfpipe.extras.exhibition up %f\n" in opens.read_text() and icon.suffix == ".svg"
     if shutil.which("desktop-file-validate"):
         subprocess.run(["desktop-file-validate", entry, opens], check=True)
     icon.write_text("drawn by somebody else")
@@ -34,6 +34,6 @@ def test_desktop_shows_a_refusal_in_a_dialog_only_where_it_began(world: World) -
     world.env["PATH"] = f"{dialog.parent}:{os.environ['PATH']}"
     world.refused("up", "nowhere", "--display", "none")
     assert not seen.exists()
-    world.env["LFPIPE_FROM_MENU"] = "1"
-    world.refused("up", "nowhere", "--display", "none")
+    menu = [sys.executable, "-m", "lfpipe.extras.exhibition", "up", "nowhere", "--display", "none"]
+    assert subprocess.run(menu, env=world.env).returncode == 2
     assert "nowhere: no such scene" in seen.read_text()

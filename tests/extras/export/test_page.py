@@ -22,7 +22,7 @@ from lfpipe.extras.export import page
 from lfpipe.extras.export.page import PageExport, check_page
 from lfpipe.files.output import written_by_lfpipe
 from lfpipe.scene.lightfield import LightField
-from tests.extras.web.browser import Browser, missing
+from tests.support.browser import Browser, missing
 from tests.support.refusal import refusal
 
 FLAT = "render.zero_plane_px=0"

@@ -1,6 +1,9 @@
 """Refusals of targets."""
 
+from lfpipe.config.modes import NoViewer
 from lfpipe.extras.share.target import FORMS, check_target, check_targets
+from lfpipe.supervisor.requests import respond
+from tests.supervisor.states import made_state
 from tests.test_messages import Cause
 
 
@@ -35,6 +38,13 @@ MESSAGES: dict[str, tuple[Cause, str]] = {
     "twice": (
         lambda here: check_targets(["lsl", "lsl:lfpipe?rate=60"]),
         "--share lsl:lfpipe?rate=60: is a target already … once",
+    ),
+    "nothing to share": (
+        lambda here: respond(made_state(viewer=NoViewer()), {"cmd": "share", "start": ["lsl"]}, 0),
+        (
+            "no eyes are tracked: the scene is a single view\n  remedy: use `lfpipe up --no-picture"
+            " --share TARGET`"
+        ),
     ),
     "nine": (
         lambda here: check_targets([f"osc:127.0.0.1:{9000 + k}" for k in range(9)]),

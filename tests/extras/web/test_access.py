@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from lfpipe.extras.web.page_feed import Feed
 from lfpipe.extras.web.server import Site, named, parse_address, url_of
-from tests.extras.web.browser import Browser, missing
 from tests.extras.web.server import Server
+from tests.support.browser import Browser, missing
 from tests.support.refusal import refusal
 from tests.support.world import World, until
 

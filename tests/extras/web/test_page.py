@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from lfpipe.extras.web.page_feed import draw_over_eyes, place_px
-from tests.extras.web.browser import Browser, missing
 from tests.extras.web.server import Server
+from tests.support.browser import Browser, missing
 from tests.support.world import World, until
 
 

@@ -46,6 +46,7 @@ function table(sample) {
     [stage.dropped, stage.dropped > 0], [stage.restarts, stage.restarts > 0], [stage.cpu_percent.toFixed(0)], [stage.cpus.join(" ")], [stage.rss_mb.toFixed(0)]];
   $("stages").replaceChildren(...Object.entries(sample.stages).map(([name, stage]) => {
     const row = document.createElement("tr");
+    row.title = JSON.stringify(stage.metrics);
     for (const [text, bad] of cells(name, stage)) {
       const cell = document.createElement("td");
       cell.textContent = text;
@@ -126,7 +127,7 @@ function draw(event) {
   $("state").textContent = `up ${minutes}:${seconds}, ${camera}${sample.camera_light ? ` (${sample.camera_light})` : ""}, viewer ${sample.viewer}`
     + `${sample.paused ? ", paused" : ""}`
     + `${sample.level ? `, quality lowered to ${sample.level_words} (${sample.level} of ${sample.lowest_level})` : ""}; age of pictures p50 ${dash(sample.end_to_end, "p50_ms")}, p99 ${dash(sample.end_to_end, "p99_ms")} ms, `
-    + `eyes predicted by ${dash(sample.horizon, "p50_ms")} ms${sample.motion_to_photon ? `; motion to photon: ${sample.motion_to_photon}` : ""}`;
+    + `eyes predicted by ${dash(sample.prediction, "p50_ms")} ms${sample.motion_to_photon ? `; motion to photon: ${sample.motion_to_photon}` : ""}`;
   charts(sample); table(sample); show(sample);
 }
 

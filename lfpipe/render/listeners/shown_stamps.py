@@ -1,4 +1,4 @@
-"""Stamps of the pictures, for the stage that shares a session with other programs."""
+"""Stamps of the pictures, for stages that ask for them."""
 
 from collections.abc import Callable
 
@@ -7,8 +7,8 @@ from lfpipe.render.presentation import REPLACED, Listener, Presentation
 from lfpipe.transport.ring_io import RingOutput
 
 
-class ShareStamps(Listener):
-    """Writes a record of dtype SHOWN for each showing while a target of `--share` wants them."""
+class ShownStamps(Listener):
+    """Writes a record of dtype SHOWN for each presentation while a stage asks for the ring."""
 
     def __init__(self, open_ring: Callable[[], RingOutput]) -> None:
         """open_ring: opens the ring "shown"; called when it is first needed."""
@@ -17,7 +17,7 @@ class ShareStamps(Listener):
         self._wanted = False
 
     def set_options(self, options: SessionOptions) -> None:
-        self._wanted = any(target.startswith("lsl") for target in options.share)
+        self._wanted = "shown" in options.asked_for
 
     def presented(self, presentation: Presentation) -> None:
         if not self._wanted or presentation.by == REPLACED or presentation.eyes is None:

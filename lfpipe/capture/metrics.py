@@ -1,0 +1,8 @@
+"""The metrics of the stage `capture`."""
+
+from lfpipe.transport.metrics import Kind, Metric, MetricSet
+
+METRICS = MetricSet(
+    Metric("nominal_mhz", Kind.GAUGE, "frames per 1000 s that the camera agreed to deliver"),
+    Metric("dim", Kind.FLAG, "the camera delivers clearly fewer frames, although none is lost"),
+)

@@ -1,0 +1,43 @@
+"""`lfpipe up --share` and `lfpipe ctl share`."""
+
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+from lfpipe.cli.sessions import Send
+from lfpipe.extras.share.target import check_targets
+from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S
+
+
+def up(proceed: Callable[..., Any], *, share: tuple[str, ...], **values: Any) -> Any:
+    """`lfpipe up` with the targets as option of the stage."""
+    if not share:
+        return proceed(**values)
+    return proceed(**values, extras={"share": check_targets(share)})
+
+
+@click.group()
+def share() -> None:
+    """Send the viewer's eyes and head to other programs."""
+
+
+@share.command("start")
+@click.argument("targets", nargs=-1, required=True, metavar="TARGET...")
+@click.pass_obj
+def start_share(send: Send, targets: tuple[str, ...]) -> None:
+    """Start sharing with each TARGET: opentrack:HOST:PORT, osc:HOST:PORT or lsl[:NAME]. Append
+    ?rate=HZ for predicted eyes.
+    """
+    send({"cmd": "share", "start": list(targets)}, FILE_CHECK_TIMEOUT_S)
+
+
+@share.command("stop")
+@click.argument("targets", nargs=-1, metavar="[TARGET]...")
+@click.pass_obj
+def stop_share(send: Send, targets: tuple[str, ...]) -> None:
+    """Stop sharing with each TARGET, written as `start` printed it.
+
+    Without TARGET, stop all sharing.
+    """
+    send({"cmd": "share", "stop": list(targets)})

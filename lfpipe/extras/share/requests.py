@@ -1,0 +1,65 @@
+"""The control command `share`; the protocol is `supervisor.requests.RequestPlugin`."""
+
+from lfpipe.errors import UserError, quoted
+from lfpipe.extras.share.target import FORMS, MAX_TARGETS, check_targets
+from lfpipe.supervisor.file_checks import FileCheck
+from lfpipe.supervisor.requests import Reply, has_eyes
+from lfpipe.supervisor.session_state import SessionState
+from lfpipe.transport.control import BadMessage, Message
+
+NAME = "share"
+
+
+def _with(state: SessionState, targets: tuple[str, ...]) -> SessionState:
+    return state.changed(extras={**state.options.extras, NAME: targets})
+
+
+def respond(state: SessionState, message: Message, _t_ns: int) -> Reply:
+    """Adds the targets `start`, or removes the targets `stop` (all, if it is empty)."""
+    start = message.get("start")
+    stop = message.get("stop")
+    running = state.options.extra(NAME)
+    texts = stop if start is None else start
+    if (
+        (start is None) == (stop is None)
+        or not isinstance(texts, list)
+        or not all(isinstance(text, str) for text in texts)
+    ):
+        raise BadMessage("share needs a list of targets, either to start or to stop")
+    if start is not None:
+        if not start:
+            raise UserError("no target given", FORMS)
+        if len(start) > MAX_TARGETS:
+            raise BadMessage(f"share: {len(start)} targets; at most {MAX_TARGETS} are allowed")
+        if not has_eyes(state):
+            raise UserError(
+                "no eyes are tracked: the scene is a single view",
+                "use `lfpipe up --no-picture --share TARGET`",
+            )
+        return Reply(
+            check=FileCheck(
+                check=NAME,
+                path=", ".join(start)[:200],
+                values={"targets": tuple(start), "running": running},
+            )
+        )
+    if not running:
+        raise UserError("nothing is shared", "start it with `lfpipe ctl share start TARGET`")
+    named = {target: {target, target.partition("?")[0]} for target in running}
+    if unknown := [text for text in texts if not any(text in one for one in named.values())]:
+        raise UserError(
+            f"{quoted(unknown[0])} is not a current target", f"name one of {', '.join(running)}"
+        )
+    left = tuple(target for target in running if texts and named[target].isdisjoint(texts))
+    return Reply(answer={"share": list(left)}, state=_with(state, left))
+
+
+def check(asked: FileCheck) -> Message:
+    """The exact targets. Raises UserError."""
+    return {"targets": list(check_targets(asked.values["targets"], asked.values["running"]))}
+
+
+def respond_checked(state: SessionState, _message: Message, result: Message) -> Reply:
+    """Adds the checked targets; the state may have changed meanwhile."""
+    share = tuple(dict.fromkeys((*state.options.extra(NAME), *result["targets"])))
+    return Reply(answer={"share": list(share)}, state=_with(state, share))

@@ -1,0 +1,16 @@
+"""The metrics of the stage `render`."""
+
+from lfpipe.render.viewer.presence import ViewerState
+from lfpipe.transport.metrics import Kind, Metric, MetricSet
+
+VIEWER_STATES = tuple(state.word for state in ViewerState)
+METRICS = MetricSet(
+    Metric("face", Kind.FLAG, "the newest picture was made for a face"),
+    Metric("t_face_ns", Kind.STAMP, "last picture for a face, or the start of the stage"),
+    Metric("viewer", Kind.STATE, "the viewer's presence", VIEWER_STATES),
+    Metric("planned", Kind.COUNT, "refreshes of a screen that reports its vertical blanks"),
+    Metric("juddered", Kind.COUNT, "of these, those with another picture than planned"),
+    Metric("onset_ns", Kind.DURATION, "latency at the onset of a motion"),
+    Metric("steady_ns", Kind.DURATION, "how far pictures lag behind a moving head"),
+    Metric("prediction", Kind.HISTOGRAM, "from the sensor stamp to the time of the predicted eyes"),
+)

@@ -1,0 +1,108 @@
+"""The checks of a session's files: child processes that answer requests for `file_checks`."""
+
+import logging
+from collections import deque
+from collections.abc import Callable, Collection, Iterator
+from functools import partial
+
+import attrs
+
+from lfpipe.errors import UserError
+from lfpipe.host.worker import Worker
+from lfpipe.supervisor.control_sockets import Request
+from lfpipe.supervisor.effects import Effect, Respond, Service
+from lfpipe.supervisor.file_checks import FileCheck
+from lfpipe.supervisor.requests import Reply, respond_checked
+from lfpipe.supervisor.session_state import SessionState
+from lfpipe.transport.control import Message
+
+logger = logging.getLogger(__name__)
+CHECK_S = 10.0  # time limit of a check: a network drive or name server may be dead
+MAX_WAITING = 16  # requests to write, one after the other
+
+
+@attrs.frozen
+class CheckEvent:
+    """The end of a check."""
+
+    request: Request
+    result: Message | Exception
+    """What the child found, or why it refused."""
+
+
+class FileChecks(Service):
+    """The running checks, at most one of each command. connections: those that are open now."""
+
+    guarded = True
+
+    def __init__(self, connections: Callable[[], Collection[int]]) -> None:
+        self._connections = connections
+        self._running: dict[str, tuple[Request, Worker]] = {}
+        self._waiting: deque[tuple[Request, FileCheck]] = deque()
+
+    def begin(self, request: Request, check: FileCheck) -> None:
+        """Starts a check. Raises UserError if another one of that command runs."""
+        if request.command not in self._running:
+            self._start(request, check)
+        elif check.writes and len(self._waiting) < MAX_WAITING:
+            self._waiting.append((request, check))
+        else:
+            raise UserError(
+                f"another {request.command} request is being checked", "try again in a second"
+            )
+
+    def _start(self, request: Request, check: FileCheck) -> None:
+        worker = Worker("lfpipe.supervisor.file_checks", attrs.asdict(check), check.path, CHECK_S)
+        self._running[request.command] = request, worker
+
+    @property
+    def fds(self) -> list[int]:
+        """Descriptors that wake the supervisor."""
+        return [fd for _, worker in self._running.values() for fd in worker.fds]
+
+    def update(self, state: SessionState, t_ns: int) -> Iterator[Effect]:
+        for event in self.events():
+            yield Respond(event.request, partial(_reply, event=event, t_ns=t_ns))
+
+    def events(self) -> list[CheckEvent]:
+        """Reads what the children have printed; returns the checks that are done. Ends the checks
+        of clients that have disconnected, except writes.
+        """
+        done = []
+        connections = self._connections()
+        for command, (request, worker) in list(self._running.items()):
+            worker.read()
+            if worker.done:
+                done.append(_ended(request, worker))
+            elif request.connection not in connections and command != "keep":
+                logger.info("%s cancelled: its client is gone", command)
+                worker.close()
+            else:
+                continue
+            del self._running[command]
+        if self._waiting and self._waiting[0][0].command not in self._running:
+            request, check = self._waiting.popleft()
+            try:
+                self._start(request, check)
+            except UserError as error:
+                done.append(CheckEvent(request, error))
+        return done
+
+    def close(self) -> None:
+        """Ends the children."""
+        for _, worker in self._running.values():
+            worker.close()
+        self._running.clear()
+
+
+def _ended(request: Request, worker: Worker) -> CheckEvent:
+    try:
+        return CheckEvent(request, worker.result())
+    except UserError as error:
+        return CheckEvent(request, error)
+
+
+def _reply(state: SessionState, event: CheckEvent, t_ns: int) -> Reply:
+    if isinstance(event.result, Exception):
+        raise event.result
+    return respond_checked(state, event.request.message, event.result, t_ns)

@@ -1,0 +1,106 @@
+"""The parts of a running session: each `Service` waits for something and yields effects, which
+`LiveSession` applies.
+"""
+
+import enum
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import attrs
+import zmq
+
+from lfpipe.supervisor.control_sockets import Request
+from lfpipe.supervisor.metrics import SessionMetrics
+from lfpipe.supervisor.requests import Reply
+from lfpipe.supervisor.session_state import SessionState
+from lfpipe.transport.clock import MS_NS
+from lfpipe.transport.control import Message
+
+TICK_NS = 100 * MS_NS  # heartbeats are due as often; a descriptor wakes the loop sooner
+
+
+@attrs.frozen
+class Change:
+    """Stores another state."""
+
+    change: Callable[[SessionState], SessionState]
+
+
+@attrs.frozen
+class Respond:
+    """Executes the reply to a request. What `reply` raises is the answer."""
+
+    request: Request
+    reply: Callable[[SessionState], Reply]
+
+
+@attrs.frozen
+class Answer:
+    """Answers a request."""
+
+    request: Request
+    answer: Message
+
+
+@attrs.frozen
+class Publish:
+    """Sends a message to every subscriber of the tap."""
+
+    topic: str
+    values: dict[str, Any]
+
+
+@attrs.frozen
+class Notify:
+    """Notifies the user, and logs it. The text may quote anything."""
+
+    text: str
+
+
+class EndKind(enum.Enum):
+    """Why a session ended."""
+
+    SOURCE_ENDED = enum.auto()
+    DURATION = enum.auto()
+    REQUEST = enum.auto()
+    SIGNAL = enum.auto()
+    FAILURE = enum.auto()
+
+
+@attrs.define(kw_only=True)
+class Outcome:
+    """How a session ended; as an effect, it ends the session."""
+
+    kind: EndKind
+    reason: str
+    """In a few words."""
+    failure: str | None = None
+    """The message for the user; None for a normal end."""
+    remedy: str = ""
+    user_error: bool = False
+    """Whether a restart cannot help until the user has changed something."""
+    final: SessionMetrics | None = None
+    """The state at the end."""
+
+
+Effect = Change | Respond | Answer | Publish | Notify | Outcome
+
+
+class Service:
+    """A part of a running session."""
+
+    guarded = False
+    """Whether an error of `update` is logged and ends nothing: it handles messages from outside."""
+
+    @property
+    def fds(self) -> Sequence[int | zmq.Socket[bytes]]:
+        """Descriptors and sockets that wake the supervisor."""
+        return ()
+
+    def wait_ns(self, t_ns: int) -> int:
+        """The longest time until the next `update`. t_ns: now."""
+        return TICK_NS
+
+    def update(self, state: SessionState, t_ns: int) -> Iterable[Effect]:
+        """What has happened since the last call. state: the current one. t_ns: now."""
+        return ()

@@ -1,0 +1,67 @@
+"""Notices of a session's condition: their kind, and the most urgent alone."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from lfpipe.notices import (
+    FACELESS_NS,
+    FAULT_NS,
+    Fault,
+    Notice,
+    NoticeKind,
+    faults,
+    latency_lines,
+    notices,
+)
+from lfpipe.transport.histogram import HISTOGRAM, Histogram, summary_ms
+from lfpipe.transport.status import ROW, State
+
+T_NS = 10**12
+Rows = dict[str, NDArray[np.void]]
+
+
+@pytest.fixture
+def rows(monkeypatch: pytest.MonkeyPatch) -> Rows:
+    monkeypatch.setattr("lfpipe.notices.now_ns", lambda: T_NS)
+    made = {name: np.zeros((), ROW) for name in ("capture", "track", "render")}
+    for row in made.values():
+        row["state"] = State.RUNNING
+    return made
+
+
+def shown(rows: Rows, faceless_ns: int) -> list[Notice]:
+    return notices(rows, "capture", "render", T_NS - faceless_ns)
+
+
+def test_notices_report_a_missing_face_while_all_stages_run(rows: Rows) -> None:
+    assert shown(rows, FACELESS_NS) == []
+    (notice,) = shown(rows, FACELESS_NS + 1)
+    assert notice.kind is NoticeKind.NO_FACE and "4 s" in notice.text
+    rows["capture"]["state"] = State.READY
+    assert [one.kind for one in shown(rows, FACELESS_NS + 1)] == [NoticeKind.CAMERA_LOST]
+    rows["capture"]["state"] = State.NONE
+    assert shown(rows, FACELESS_NS + 1) == [], "the mouse is the viewer"
+
+
+def test_notices_report_a_fault_instead_of_a_missing_face(rows: Rows) -> None:
+    rows["track"]["fault"] = b"the filter is broken"
+    rows["track"]["fault_since_ns"] = T_NS - FAULT_NS
+    assert list(faults(rows, T_NS)) == [], "a few frames"
+    assert list(faults(rows, T_NS + 1)) == [Fault("the filter is broken", has_worked=False)]
+    rows["track"]["outputs_faulty"] = rows["track"]["outputs_ok"] = 30
+    rows["track"]["fault_since_ns"] -= 1
+    assert list(faults(rows, T_NS)) == [Fault("the filter is broken", has_worked=True)]
+    (notice,) = shown(rows, FACELESS_NS + 1)
+    assert notice.kind is NoticeKind.FAULT and "the filter is broken" in notice.text
+
+
+def test_latency_lines_omit_what_is_not_known() -> None:
+    nothing = summary_ms(np.zeros((), HISTOGRAM))
+    histogram = Histogram()
+    histogram.add_ns(20_000_000)
+    age = summary_ms(histogram.record)
+    assert latency_lines(nothing, nothing, vblanks=True) == []
+    (line,) = latency_lines(age, nothing, vblanks=True)
+    assert "vertical blank" in line
+    assert len(latency_lines(age, age, vblanks=False)) == 2

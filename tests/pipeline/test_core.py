@@ -1,0 +1,85 @@
+"""The core works without lfpipe/extras: a copy without it runs sessions and passes its tests."""
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.support.world import World
+
+ROOT = Path(__file__).parents[2]
+FOLDERS = ("lfpipe", "tests", "tools", "docs", "examples", "profiling")
+SAMPLE = ("supervisor", "transport", "config", "cli", "capture", "test_structure.py")
+pytestmark = [pytest.mark.live, pytest.mark.timeout(1200)]
+
+
+@pytest.fixture(scope="module")
+def core(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The checkout without its extras, whose entry points stay installed."""
+    copy = tmp_path_factory.mktemp("core")
+    for name in FOLDERS:
+        ignored = shutil.ignore_patterns("__pycache__", "results")
+        shutil.copytree(ROOT / name, copy / name, ignore=ignored)
+    for path in (path for path in ROOT.iterdir() if path.is_file()):
+        shutil.copy(path, copy)
+    shutil.rmtree(copy / "lfpipe" / "extras")
+    shutil.rmtree(copy / "tests" / "extras", ignore_errors=True)
+    return copy
+
+
+@pytest.fixture
+def alone(world: World, core: Path) -> Iterator[World]:
+    """Runs the copy."""
+    world.env["PYTHONPATH"] = str(core)
+    yield world
+
+
+def test_core_without_extras_runs_sessions(alone: World, scene: Path, core: Path) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        alone.env.pop(name, None)
+    where = subprocess.run(
+        [sys.executable, "-c", "import lfpipe; print(lfpipe.__file__)"],
+        env=alone.env,
+        cwd=alone.root,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert str(core) in where.stdout
+    alone.done("up", "--demo", "--duration", "2")
+    process = alone.shows(scene)
+    assert "render" in alone.done("monitor", "--session", alone.name, "--once").stdout
+    assert "unknown command" in alone.refused("ctl", "--session", alone.name, "share", "stop") or (
+        "No such command" in alone.refused("ctl", "--session", alone.name, "share", "stop")
+    )
+    alone.ctl("stop")
+    assert process.wait(60) == 0
+    alone.done("record", "walk", "--camera", "demo", "--duration", "1.5")
+    alone.done("replay", "walk", "--out", "run")
+    assert "3x3" in alone.done("scene", "info", scene).stdout
+    alone.done("bench", "stability", "--quick")
+
+
+def test_core_without_extras_reports_what_is_missing(alone: World) -> None:
+    assert "sweep" not in alone.done("--help").stdout
+    assert "No such command 'sweep'" in alone.refused("sweep", "plan.toml")
+    assert "--share" in alone.refused("up", "--demo", "--share", "lsl")
+    told = " ".join(alone.run("doctor").stdout.split())
+    assert "command sweep, from lfpipe" in told and "stage share, from lfpipe" in told
+    assert "No module named 'lfpipe.extras'" in told
+
+
+def test_core_without_extras_passes_a_sample_of_its_tests(core: Path) -> None:
+    sample = [f"tests/{name}" for name in SAMPLE]
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-n", "2", "-p", "no:cacheprovider", *sample],
+        env={**os.environ, "PYTHONPATH": str(core)},
+        cwd=core,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stdout[-4000:]
