@@ -144,7 +144,7 @@ def _weighted_mean(
     """The mean of the maps of the first neighbours, weighted by match and by gradient energy."""
     used = neighbours[: len(maps)]
     weights = [
-        share * (np.maximum(energy, 0) + np.float32(ENERGY_FLOOR))
+        np.asarray(share * (np.maximum(energy, 0) + np.float32(ENERGY_FLOOR)), np.float32)
         for share, energy in zip(_match_weights(errors), energies, strict=False)
     ]
     weighted = [weight * one for weight, one in zip(weights, maps, strict=True)]

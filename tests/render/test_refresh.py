@@ -23,6 +23,7 @@ from lfpipe.render.display.refresh import (
 )
 from lfpipe.render.presentation import ANSWER_NS, HANDOVER, REPLACED, Presentation, take_known
 from tests.render import rendered
+from tests.render.simulated_screen import SimulatedScreen, late_share
 
 MS = 1_000_000
 AGE_NS = 5 * MS  # from a frame's stamp to its eyes
@@ -360,3 +361,37 @@ def test_take_known_of_replaced_and_unanswered_pictures() -> None:
     waiting = deque((presentation(1, 100), presentation(2, 200)))
     assert known(waiting, [Presented(1, 0, 0)], 300) == [(100, 0, REPLACED)]
     assert known(waiting, [], 200 + ANSWER_NS + 1) == [(200, 200, HANDOVER)]
+
+
+@pytest.mark.parametrize("rate_hz", [60.0, 144.0])
+@pytest.mark.parametrize("periods", [0.2, 0.5, 0.95, 1.05, 1.3, 1.5, 2.0, 3.0])
+def test_screen_refresh_is_punctual_at_any_cost_of_a_picture(
+    rate_hz: float, periods: float
+) -> None:
+    screen = SimulatedScreen(rate_hz=rate_hz, claimed_hz=rate_hz)
+    assert late_share(screen, periods * 1e3 / rate_hz) <= 0.01
+
+
+@pytest.mark.parametrize(
+    "screen",
+    [
+        SimulatedScreen(rate_hz=59.94, claimed_hz=60),
+        SimulatedScreen(rate_hz=60, claimed_hz=60, drift=500e-6),
+        *(
+            SimulatedScreen(rate_hz=rate_hz, claimed_hz=60, reports="none")
+            for rate_hz in (48, 55, 59.94, 60, 75, 100, 120, 144)
+        ),
+        *(
+            SimulatedScreen(
+                rate_hz=60, claimed_hz=60, moves_to_hz=rate_hz, reports=reports, claims_move=claims
+            )
+            for rate_hz in (30, 75, 144)
+            for reports in ("period", "none", "stale")
+            for claims in (True, False)
+        ),
+    ],
+    ids=str,
+)
+def test_screen_refresh_finds_the_vblanks_of_any_screen_in_5_s(screen: SimulatedScreen) -> None:
+    """A period that is not reported, or wrong, is found from when pictures appear."""
+    assert late_share(screen, 3.0) <= 0.02

@@ -122,7 +122,7 @@ def _middle_errors(views: np.ndarray, shift_px: float, inside: np.ndarray) -> np
     """Errors of the middle view's disparity, px, where inside, (S, S), is true."""
     found = estimate_disparity(views)
     assert found is not None
-    return np.abs(found[1, 1] - shift_px)[inside[::2, ::2]]
+    return np.asarray(np.abs(found[1, 1] - shift_px)[inside[::2, ::2]])
 
 
 MARGIN = 40

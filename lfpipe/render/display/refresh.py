@@ -5,6 +5,7 @@ the window system reports.
 import math
 
 from lfpipe.host.presentation import Presented
+from lfpipe.render.display.vblank_grid import GridEstimator
 from lfpipe.transport.clock import MS_NS, SECOND_NS
 
 SLACK = 0.2  # of a period, at most 3 ms: tolerated lateness of eyes
@@ -134,13 +135,20 @@ class ScreenClock:
     def rate_hz(self) -> float:
         return SECOND_NS / self.period_ns
 
-    def claim(self, nominal_hz: float) -> None:
-        """Takes the rate that the screen claims: if it changed, the window has moved, and the grid
-        is detected again.
+    def claim(self, nominal_hz: float) -> bool:
+        """Takes the rate that the screen claims. Returns whether it changed: then the window has
+        moved, and the grid is detected again.
         """
-        if abs(1e9 / nominal_hz - self._claimed_ns) > 1:
+        changed = abs(1e9 / nominal_hz - self._claimed_ns) > 1
+        if changed:
             self._claimed_ns = self._nominal_ns = self.period_ns = 1e9 / nominal_hz
             self.measured = False
+        return changed
+
+    def adopt(self, period_ns: float) -> None:
+        """Takes a period that the pictures show; the phase is detected again."""
+        self._nominal_ns = self.period_ns = period_ns
+        self.measured = False
 
     def vblank(self, t_ns: int, period_ns: int = 0) -> None:
         """Adds a blank at t_ns. period_ns: reported with it, or 0."""
@@ -198,9 +206,13 @@ class ScreenRefresh(Refresh):
         self._since_stall = SOON  # pictures since one was handed over a period too late
         self._step_ns = MIN_STEP_NS
         self._has_vblanks = True
+        self._estimator = GridEstimator()
+        self._reports_period = True  # and pictures do not contradict it
         self._late_ns = 0  # of the last repaint
         self._unjudged: list[tuple[int, int]] = []  # (target, hand-over) of replaced pictures
         self._margin_ns = float(MARGIN_NS)
+        # by how much more than a period before its vblank a picture may be submitted
+        self._ahead_ns = 0.0
         self._changed_ns = 0  # when a late or early picture changed the margin
 
     @property
@@ -215,8 +227,8 @@ class ScreenRefresh(Refresh):
         return int(self._cost_ns + self._margin_ns)
 
     def earliest_ns(self, target_ns: int) -> int:
-        """Before it, the picture would appear at the previous blank."""
-        return int(target_ns - max(self.clock.period_ns - EARLY_NS, self._margin_ns))
+        """Before it, the picture would appear at the previous vblank."""
+        return int(target_ns - self.clock.period_ns + EARLY_NS - self._ahead_ns)
 
     def add_eyes(self, source_seq: int, t_sensor_ns: int, t_eyes_ns: int) -> None:
         pass
@@ -237,6 +249,7 @@ class ScreenRefresh(Refresh):
 
         One that was replaced would have been shown when its successor was.
         """
+        self._observe(t_handed_ns, t_presented_ns)
         if not self.clock.measured:
             return not t_presented_ns
         self._unjudged.append((target_ns, t_handed_ns))
@@ -249,6 +262,18 @@ class ScreenRefresh(Refresh):
             vblanks = self._record_vblank(*unjudged, t_presented_ns)
         self._unjudged.clear()
         return bool(vblanks)
+
+    def _observe(self, t_handed_ns: int, t_presented_ns: int) -> None:
+        """Learns from when pictures appear what kind of screen it is, and at which rate."""
+        grid = self._estimator.add(t_handed_ns, t_presented_ns)
+        if grid is None:
+            return
+        if grid.contradicts(self.clock.period_ns):
+            self._reports_period = False
+            self.clock.adopt(grid.period_ns)
+            self._estimator.reset()
+        if not self._reports_period:
+            self._has_vblanks = not grid.is_on_demand
 
     def _judge_repaint(self, target_ns: int, t_presented_ns: int) -> bool:
         """Whether the interval to the previous picture was not as planned.
@@ -284,10 +309,15 @@ class ScreenRefresh(Refresh):
         if vblanks:
             if vblanks < 0:
                 self._margin_ns -= EARLY_STEP_NS
+                self._ahead_ns = max(self._ahead_ns - EARLY_STEP_NS, 0.0)
             else:
+                if t_handed_ns <= self.earliest_ns(target_ns) + EARLY_NS:
+                    # even the earliest submission was late: the compositor takes pictures ahead
+                    most_ns = (MAX_PERIODS - 1) * period_ns
+                    self._ahead_ns = min(self._ahead_ns + self._step_ns, most_ns)
                 again = self._punctual < SOON
                 self._step_ns = min(2 * self._step_ns, MAX_STEP_NS) if again else MIN_STEP_NS
-                self._margin_ns += self._step_ns
+                self._margin_ns += self._step_ns * max(1.0, self._cost_ns / period_ns)
             self._changed_ns = max(t_presented_ns, t_handed_ns)
             self._punctual = 0
         else:
@@ -305,12 +335,17 @@ class ScreenRefresh(Refresh):
 
         nominal_hz: the rate that the window's monitor claims.
         """
-        self.clock.claim(nominal_hz)
+        if self.clock.claim(nominal_hz):
+            self._reports_period = True
+            self._estimator.reset()
         for report in reports:
-            if report.t_ns:
-                self._has_vblanks = bool(report.period_ns)
-                if self._has_vblanks or not self.clock.measured:
-                    self.clock.vblank(report.t_ns, report.period_ns)
+            if not report.t_ns:
+                continue
+            if self._reports_period and not report.period_ns:
+                self._reports_period = self._has_vblanks = False
+            period_ns = report.period_ns if self._reports_period else 0
+            if self._has_vblanks or not self.clock.measured:
+                self.clock.vblank(report.t_ns, period_ns)
 
     def limit(self, rate_hz: float | str, nominal_hz: float) -> None:
         self._limit_hz = 0.0 if rate_hz == "auto" else nominal_hz

@@ -1,0 +1,94 @@
+"""A simulated screen: vertical blanks at a rate that may drift or change, a compositor that shows
+the newest picture, and a render loop that draws pictures of a given cost by `ScreenRefresh`.
+"""
+
+import attrs
+import numpy as np
+
+from lfpipe.bench.simulator.camera import T0_NS
+from lfpipe.host.presentation import Presented
+from lfpipe.render.display.refresh import ScreenRefresh
+from lfpipe.transport.clock import MS_NS, SECOND_NS
+
+DEADLINE_MS = 3.0  # a picture appears at a vblank if it is submitted this long before it
+WAKE_MS = 0.1  # mean lateness of wake-ups
+SETTLED_S = 5.0
+
+
+@attrs.frozen(kw_only=True)
+class SimulatedScreen:
+    """A screen and its window system."""
+
+    rate_hz: float
+    claimed_hz: float
+    """The rate that the window system names."""
+    reports: str = "period"
+    """"period": the true one; "none": 0; "stale": that of claimed_hz, for ever."""
+    drift: float = 0.0
+    moves_to_hz: float = 0.0
+    """Rate of the screen that the window moves to after MOVES_S; 0: it does not move."""
+    claims_move: bool = True
+    """Whether the window system then names the new rate."""
+
+    MOVES_S = 8.0
+
+    def vblanks(self, seconds: float) -> tuple[list[int], list[float]]:
+        """Times of the vertical blanks, ns, and the rate at each."""
+        times, rates = [], []
+        t_ns = T0_NS + 0.37e9 / self.rate_hz
+        while t_ns < T0_NS + seconds * SECOND_NS:
+            moved = self.moves_to_hz and t_ns > T0_NS + self.MOVES_S * SECOND_NS
+            rates.append(self.moves_to_hz if moved else self.rate_hz)
+            t_ns += 1e9 / rates[-1] * (1 + self.drift)
+            times.append(round(t_ns))
+        return times, rates
+
+    def period_ns(self, rate_hz: float) -> int:
+        """The period that a report of a vertical blank names."""
+        return {"period": round(1e9 / rate_hz), "none": 0}.get(
+            self.reports, round(1e9 / self.claimed_hz)
+        )
+
+
+def late_share(screen: SimulatedScreen, cost_ms: float, seconds: float = 25.0) -> float:
+    """Share of pictures that appeared at another vertical blank than planned, once settled."""
+    random = np.random.default_rng(1)
+    refresh = ScreenRefresh(screen.claimed_hz, T0_NS)
+    times, rates = screen.vblanks(seconds)
+    judged_from_ns = T0_NS + round(
+        ((screen.MOVES_S if screen.moves_to_hz else 0.0) + SETTLED_S) * SECOND_NS
+    )
+    pending: list[tuple[int, int, int]] = []  # (number, due, submitted)
+    now_ns, number, vblank = T0_NS, 0, 0
+    late = []
+    while now_ns < times[-1]:
+        due_ns = refresh.due_ns()
+        begun_ns = max(now_ns, due_ns - refresh.lead_ns())
+        begun_ns += round(random.exponential(WAKE_MS) * MS_NS)
+        cost_ns = round(cost_ms * random.lognormal(0, 0.1) * MS_NS)
+        now_ns = max(begun_ns + cost_ns, refresh.earliest_ns(due_ns))
+        refresh.add_cost(cost_ns, begun_ns, due_ns)
+        number += 1
+        pending.append((number, due_ns, now_ns))
+        reports: list[Presented] = []
+        judged: list[tuple[int, int, int]] = []
+        while vblank < len(times) and times[vblank] <= now_ns:
+            t_ns = times[vblank]
+            ready = [one for one in pending if one[2] + DEADLINE_MS * MS_NS <= t_ns]
+            period_ns = screen.period_ns(rates[vblank])
+            for one in ready:
+                shown_ns = t_ns if one is ready[-1] else 0
+                reports.append(Presented(one[0], shown_ns, period_ns if shown_ns else 0))
+                judged.append((one[1], one[2], shown_ns))
+            pending = pending[len(ready) :]
+            vblank += 1
+        moved = screen.moves_to_hz and now_ns > T0_NS + screen.MOVES_S * SECOND_NS
+        named_hz = screen.moves_to_hz if moved and screen.claims_move else screen.claimed_hz
+        if reports:
+            refresh.vblanks(reports, named_hz)
+        for due, submitted, shown_ns in judged:
+            is_late = refresh.judge(due, submitted, shown_ns)
+            if submitted > judged_from_ns:
+                late.append(is_late)
+        refresh.advance(now_ns)
+    return float(np.mean(late))
