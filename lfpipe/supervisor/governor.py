@@ -2,9 +2,9 @@
 clock or file.
 
 A stage lags if it misses more than a tenth of what was due, or works nearly all the time. It has
-room if it misses nothing and works little. Half a second of lag lowers the quality by one level;
-five seconds of room raise it. If a restored level is lost again at once, the next attempt comes
-later each time.
+room if it misses nothing and works little. Half a second of lag lowers the quality by one level,
+and five seconds of room raise it. Each loss after a raise doubles the room that the next raise
+needs, up to five minutes; five minutes without a loss halve it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ from lfpipe.transport.status import State
 
 # a viewer notices lag at once; a level that changes often disturbs more than a lower one
 LAG_S, ROOM_S = 0.5, 5.0
-LONGEST_S = 300.0  # longest wait before a higher level is tried
+MAX_ROOM_S = 300.0  # of room before a higher level is tried
+QUIET_S = 300.0  # time without a loss that halves the room required
+PAUSE_S = 0.7  # after a loss: a burst of a second costs one level
 # of the outputs due; one or two frames in half a second are due to the scheduler
 LATE_SHARE = 0.1
 FULL_SHARE, ROOM_SHARE = 0.9, 0.6  # of the time spent working: more is lag, less is room
@@ -122,8 +124,9 @@ class Governor:
     def __init__(self, relieves: Sequence[frozenset[str]]) -> None:
         self.level = 0
         self._relieves = tuple(relieves)
-        self._hold_s = ROOM_S  # room required to raise the level
-        self._raised_ns = -math.inf
+        self._required_s = ROOM_S  # room required to raise the level
+        self._was_raised = False  # since the last loss
+        self._quiet_ns = self._lost_ns = -math.inf  # when the requirement was halved; the last loss
         self._t_ns = -math.inf
         self._room_s = 0.0
         self._stages: dict[str, _Stage] = {}
@@ -154,13 +157,20 @@ class Governor:
         relieved = self._relieves[self.level] if self.level < len(self._relieves) else ()
         lags = {name: stage for name, stage in self._stages.items() if name in relieved}
         worst = max(lags, key=lambda name: lags[name].lag_s, default="")
+        if t_ns - max(self._lost_ns, self._quiet_ns) > QUIET_S * 1e9:
+            self._quiet_ns = t_ns
+            self._required_s = max(self._required_s / 2, ROOM_S)
+        if t_ns - self._lost_ns < PAUSE_S * 1e9:
+            self._stages.clear()
+            return None
         if worst and lags[worst].lag_s >= LAG_S:
-            failed = (t_ns - self._raised_ns) / 1e9 < 2 * self._hold_s
-            self._hold_s = min(2 * self._hold_s, LONGEST_S) if failed else ROOM_S
-            self._raised_ns = -math.inf
+            if self._was_raised:
+                self._required_s = min(2 * self._required_s, MAX_ROOM_S)
+            self._was_raised = False
+            self._lost_ns = t_ns
             step = Step(self.level + 1, worst, lags[worst].lagging)
-        elif self.level and self._room_s >= self._hold_s:
-            self._raised_ns = t_ns
+        elif self.level and self._room_s >= self._required_s:
+            self._was_raised = True
             step = Step(self.level - 1)
         else:
             return None

@@ -1,6 +1,7 @@
 """The governor under loads of any shape, the ladder of levels, and the cores of stages."""
 
 import json
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
@@ -100,9 +101,9 @@ WAKING = {**EASY, "render": Load(6, 90, 5_000_000)}
 SLOW = {**EASY, "render": Load(1, 59, SECOND_NS)}
 DOWN = (LATE, 0.5, 1)
 PLAYS: dict[str, list[Spell]] = {
-    "late": [(LATE, 3.1, 5), (EASY, 25.6, 0)],
-    "always busy": [(FULL, 3.1, 5), (EASY, 25.6, 0)],
-    "loses frames": [(LOST, 3.1, 5), (EASY, 25.6, 0)],
+    "late": [(LATE, 5.4, 5), (EASY, 25.6, 0)],
+    "always busy": [(FULL, 5.4, 5), (EASY, 25.6, 0)],
+    "loses frames": [(LOST, 5.4, 5), (EASY, 25.6, 0)],
     "a second without room cancels five with": [
         DOWN,
         (EASY, 4.0, 1),
@@ -138,14 +139,15 @@ PLAYS: dict[str, list[Spell]] = {
         (EASY, 9.8, 1),
         (EASY, 0.4, 0),
     ],
-    "lost later: the usual wait": [
+    "lost later: twice the wait, too": [
         DOWN,
         (EASY, 5.1, 0),
-        (TIGHT, 10.0, 0),
+        (TIGHT, 60.0, 0),
         DOWN,
-        (EASY, 4.8, 1),
+        (EASY, 9.8, 1),
         (EASY, 0.4, 0),
     ],
+    "a burst of a second costs one level": [(LATE, 1.0, 1), (EASY, 5.1, 0)],
     "hiccups": [(LATE, 0.1, 0), (EASY, 0.3, 0)] * 50 + [(LATE, 0.4, 0), (EASY, 1.2, 0)] * 50,
     "a process that was stopped and goes on": [(QUIET, 1.5, 0), (WAKING, 0.1, 0), (EASY, 2.0, 0)],
     "pictures that take a second each": [
@@ -187,6 +189,51 @@ def test_governor_tries_a_level_in_vain_less_and_less_often() -> None:
     assert len(run.rises) <= 12
     assert all(later > min(1.8 * gap, 299) for gap, later in pairwise(gaps))
     assert max(gaps) < 302, "and yet tried"
+
+
+def simulated_hour(foreign: Callable[[float, float], float]) -> tuple[int, list[tuple[float, int]]]:
+    """Number of changes, and (time in s, level) of each, where other programs take a share of the
+    CPU: foreign(time in s, for how long the level has been full in s).
+    """
+    governor = Governor([ALL] * 6)
+    costs_ms = (14, 9, 6, 4, 3, 2, 1.5)  # of a picture at each level
+    changes: list[tuple[float, int]] = []
+    for number in range(36_000):
+        t_s = number / 10
+        since = next((t for t, level in reversed(changes) if level == 0), 0.0)
+        share = foreign(t_s, 0.0 if governor.level else t_s - since)
+        cost_ms = costs_ms[governor.level] / (1 - share)
+        done = min(6, int(100 / cost_ms))
+        busy_ns = round(min(6 * cost_ms, 100) * 1e6)
+        loads = {**EASY, "render": Load(done, 6 - done, busy_ns)}
+        if governor.update(number * DT_NS, loads) is not None:
+            changes.append((t_s, governor.level))
+    return len(changes), changes
+
+
+FOREIGN: dict[str, Callable[[float, float], float]] = {
+    "1 s in 12": lambda t_s, _: 0.8 * (t_s % 12 < 1),
+    "1 s in 25": lambda t_s, _: 0.8 * (t_s % 25 < 1),
+    "1 s in 60": lambda t_s, _: 0.8 * (t_s % 60 < 1),
+    "13 s in 26": lambda t_s, _: 0.7 * (t_s % 26 < 13),
+    "throttled after 12 s of full quality": lambda _, full_s: 0.6 * (full_s > 12),
+    "throttled after 30 s of full quality": lambda _, full_s: 0.6 * (full_s > 30),
+    "half of it, always": lambda *_: 0.5,
+}
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+def test_governor_changes_at_most_60_times_an_hour(name: str) -> None:
+    count, _ = simulated_hour(FOREIGN[name])
+    assert 1 <= count <= 60
+
+
+@pytest.mark.parametrize("burst_s", [1.0, 10.0, 600.0])
+def test_governor_is_at_full_quality_30_s_after_a_single_burst(burst_s: float) -> None:
+    _, changes = simulated_hour(lambda t_s, _: 0.8 * (100 <= t_s < 100 + burst_s))
+    end_s, level = changes[-1]
+    assert level == 0 and end_s <= 100 + burst_s + 30
+    assert len(changes) == 2 or burst_s > 1, "one level down and up again"
 
 
 @pytest.mark.parametrize(
