@@ -226,6 +226,71 @@ FAULTS = (
         "speed_gain * velocity[0] + ahead_s * ax",
         "speed_gain * velocity[0] - ahead_s * ax",
     ),
+    # nobody noticed these before
+    Fault(
+        "a video stays at its first frame",
+        "render/synthesis/compositor.py",
+        "self._builder.build(self._views[frame, row, col], plane)",
+        "self._builder.build(self._views[0, row, col], plane)",
+        "render/test_compositor.py",
+    ),
+    Fault(
+        "rows below a bar go to the other eye",
+        "render/synthesis/pair_layout.py",
+        "row = (eye - first_row - y) % 2",
+        "row = (eye - first_row) % 2",
+        "render/test_compositor.py",
+    ),
+    Fault(
+        "the digest of a picture is that of one colour",
+        "render/listeners/replay_writer.py",
+        "zlib.crc32(picture.data)",
+        "zlib.crc32(picture[..., 0].tobytes())",
+        "replay/test_compare.py",
+    ),
+    Fault(
+        "the monitor exchanges p95 and p99",
+        "monitor/monitor.py",
+        '("p50_ms", "p95_ms", "p99_ms")',
+        '("p50_ms", "p99_ms", "p95_ms")',
+        "monitor/test_monitor.py",
+    ),
+    Fault(
+        "the prediction is measured in ms",
+        "render/listeners/status_row.py",
+        "int(MAX_PREDICTION_S * 1e9)",
+        "int(MAX_PREDICTION_S * 1e3)",
+        "render/test_listeners.py",
+    ),
+    Fault(
+        "LSL pictures have the time of sending",
+        "extras/share/output.py",
+        'self._lsl_s(int(record["t_presented_ns"]))',
+        "self._lsl_s(now_ns())",
+        "extras/share/test_outputs.py",
+    ),
+    # and of what came after
+    Fault(
+        "costs above a period are not learned",
+        "render/display/refresh.py",
+        "counted_ns = min(counted_ns, self._last_cost_ns)",
+        "return",
+        "render/test_refresh.py",
+    ),
+    Fault(
+        "an edge along the baseline decides disparity",
+        "scene/disparity.py",
+        "np.maximum(energy, 0) + np.float32(ENERGY_FLOOR)",
+        "np.ones_like(energy)",
+        "scene/test_disparity.py",
+    ),
+    Fault(
+        "the governor forgets a loss",
+        "supervisor/governor.py",
+        "self._required_s = min(2 * self._required_s, MAX_ROOM_S)",
+        "self._required_s = ROOM_S",
+        "supervisor/test_governor.py",
+    ),
 )
 
 

@@ -24,6 +24,7 @@ from lfpipe.monitor.session_reader import Watch
 from lfpipe.supervisor.metrics import SessionMetrics, session_metrics
 from lfpipe.supervisor.process_table import CORE, METRICS, SOURCE
 from lfpipe.supervisor.rundir import find
+from lfpipe.transport.histogram import Histogram
 from lfpipe.transport.status import ROW, SESSION, Row, State
 from tests.support.world import World
 
@@ -74,6 +75,19 @@ def test_state_says_that_there_is_no_camera() -> None:
     assert "no camera" in state_text(session_metrics("mine", rows, METRICS, quality, 0)).plain
     rows[SOURCE]["state"] = State.STARTING
     assert "camera 0.0 Hz" in state_text(session_metrics("mine", rows, METRICS, quality, 0)).plain
+
+
+def test_table_of_stages_has_its_quantiles_in_order() -> None:
+    rows = {name: np.zeros((), ROW) for name in CORE}
+    rows[SOURCE]["state"] = State.RUNNING
+    busy = Histogram(rows[SOURCE]["busy"])
+    for ms, count in ((2, 90), (20, 7), (200, 3)):
+        for _ in range(count):
+            busy.add_ns(ms * 1_000_000)
+    text = state_text(session_metrics("mine", rows, METRICS, np.zeros((), SESSION), 0)).plain
+    (line,) = (line for line in text.splitlines() if line.startswith(SOURCE))
+    times = [float(word) for word in line.split()[-7:-2]]
+    assert times[1:4] == pytest.approx([2, 20, 200], rel=0.02), "p50, p95 and p99 of the busy time"
 
 
 def test_monitor_lists_the_metrics_that_stages_declare(capsys: pytest.CaptureFixture[str]) -> None:

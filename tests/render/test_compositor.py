@@ -270,3 +270,38 @@ def test_scale_into_keeps_the_neighbours_and_a_flat_colour(w: int, h: int, value
     wanted[1:-1, 1:-1] = value
     scale_into(np.full((16, 16, 4), value, np.uint8), memory[1:-1, 1:-1])
     np.testing.assert_array_equal(memory, wanted)
+
+
+@pytest.mark.parametrize("anaglyph", OUTPUTS)
+def test_each_frame_of_a_video_gets_its_own_picture(anaglyph: Anaglyph) -> None:
+    """In every output, also those whose planes are built and kept."""
+    still = rendered.field(3, 3)
+    assert still.disparity is not None
+    video = attrs.evolve(
+        still,
+        views=np.concatenate((still.views, 255 - still.views)),
+        disparity=np.concatenate((still.disparity, still.disparity)),
+    )
+    drawn = Compositor(video, Render(method="nearest", anaglyph=anaglyph))
+    for frame in (0, 1, 0):
+        alone = attrs.evolve(video, views=video.views[frame : frame + 1])
+        np.testing.assert_array_equal(
+            drawn.compose((1.0, 0.0), (1.0, 2.0), frame),
+            Compositor(alone, Render(method="nearest", anaglyph=anaglyph)).compose(
+                (1.0, 0.0), (1.0, 2.0)
+            ),
+        )
+
+
+@pytest.mark.parametrize("first_row", [0, 1])
+@pytest.mark.parametrize("bar_px", [1, 2, 3])
+def test_row_interleaved_eyes_keep_their_rows_of_the_screen_below_a_bar(
+    bar_px: int, first_row: int
+) -> None:
+    pair = tuple(np.full((4, 8, 3), value, np.uint8) for value in (10, 200))
+    screen = arrange_stereo_pair(
+        (pair[0], pair[1]), "row-interleaved", (8, 4 + 2 * bar_px), first_row
+    )
+    shown = screen[bar_px : bar_px + 4, 0, 0]
+    rows = np.arange(first_row + bar_px, first_row + bar_px + 4)
+    np.testing.assert_array_equal(shown, np.where(rows % 2, 200, 10))

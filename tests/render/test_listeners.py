@@ -27,6 +27,7 @@ from lfpipe.render.presentation import REPLACED, Presentation
 from lfpipe.render.stage import RenderStage
 from lfpipe.render.viewer.presence import ViewerState
 from lfpipe.transport import ring
+from lfpipe.transport.histogram import summary_ms
 from lfpipe.transport.ring import RingSpec
 from lfpipe.transport.status import ROW, Row
 from tests.render.rendered import S, presentation, record, viewer
@@ -243,3 +244,12 @@ def test_trace_line_holds_the_blank_that_was_aimed_at() -> None:
     line = trace_line(presentation(display_time=DisplayTime.of(2 * S, refresh_ns)), "warp", 0)
     assert line["t_due_ns"] == 2 * S
     assert trace_line(presentation(), "warp", 0)["t_due_ns"] == 0
+
+
+def test_status_row_measures_the_prediction_in_ns() -> None:
+    row = Row(np.zeros((), ROW), METRICS)
+    eyes_ns = S
+    seen = DisplayTime.of(eyes_ns + 60_000_000, device_latency_ns=80_000_000)
+    StatusRow(row, viewer(), Display()).handed_over(presentation(display_time=seen))
+    measured = summary_ms(row.histograms["prediction"].record)
+    assert measured["n"] == 1 and measured["p50_ms"] == pytest.approx(140.0, rel=0.02)

@@ -422,3 +422,19 @@ def test_a_reference_whose_trace_is_of_another_run_is_refused(first: Path, tmp_p
     change_report(reference, setting("digests", "eyes", "0" * 64))
     caught = refusal(compare, reference, first)
     assert "report differ in eyes" in caught.message and "--update" in caught.remedy
+
+
+@pytest.mark.parametrize("channel", [0, 1, 2])
+def test_pictures_that_differ_in_one_colour_have_other_digests(
+    tmp_path: Path, channel: int
+) -> None:
+    writer = ReplayWriter(tmp_path, str(tmp_path), False, pytest.fail)
+    digests = []
+    for value in (0, 1):
+        picture = np.zeros((8, 8, 3), np.uint8)
+        picture[3, 4, channel] = value
+        eyes = TrackedEyes(rendered.record(), Stamp(value + 1, value, 0, 0, 0, 0, 0), 0)
+        shown = rendered.presentation(eyes=eyes, picture=picture)
+        writer.handed_over(shown)
+        digests.append(shown.more["picture"])
+    assert digests[0] != digests[1]

@@ -18,8 +18,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfpipe.extras.share import output
-from lfpipe.extras.share.output import Sample, opentrack_datagram, osc_datagram
+from lfpipe.extras.share.output import Sample, clock_offset_s, opentrack_datagram, osc_datagram
 from lfpipe.extras.share.target import Target
+from lfpipe.eyes import SHOWN
 from lfpipe.track.head import Head
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.session import Session
@@ -186,3 +187,15 @@ def test_a_receiver_that_never_reads_costs_no_memory(lsl: Any) -> None:
     for seq in range(5000, 100_000):  # an hour at 30 Hz
         outlet.send(Sample(seq, seq, seq, HEAD))
     assert process.memory_info().rss - before < 16 << 20
+
+
+def test_lsl_pictures_have_the_time_at_which_they_appeared(lsl: Any) -> None:
+    outlet, inlets = lsl
+    record = np.zeros((), SHOWN)
+    shown_ns = now_ns() - 700_000_000
+    record["t_presented_ns"] = shown_ns
+    outlet.show(7, record)
+    values, stamp_s = inlets["pictures"].pull_sample(timeout=60)
+    offset_s = clock_offset_s()
+    assert values[0] == 7
+    assert stamp_s == pytest.approx(shown_ns / 1e9 + offset_s, abs=0.05), "not that of sending"
