@@ -152,10 +152,13 @@ def table(
     from lfpipe.bench.table import Protocol, measure_scenes
     from lfpipe.cli.terminal import progress
     from lfpipe.scene.open_scene import open_scene
+    from lfpipe.supervisor.process_table import SCORER
 
     opened(out)
     with progress() as bar:
-        fields = [(path, partial(open_scene, path, config.scene, bar)) for path in scenes]
+        fields = [
+            (path, partial(open_scene, path, config.scene, bar, scorer=SCORER)) for path in scenes
+        ]
         results = measure_scenes(fields, Protocol(int(keep), border, not untimed), bar)
     write({TABLE.name: results}, out)
     if results.rows:
