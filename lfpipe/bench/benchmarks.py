@@ -119,6 +119,26 @@ _ALL = (
         rounds=(1, 3),
     ),
     Benchmark(
+        name="grid",
+        title="Spacing of the grid",
+        question="How do dense and sparse grids trade the movement zone against responsiveness,"
+        " for near and far viewers? Cameras 20 mm apart, focused at 1 m; comfort: at most 1 degree"
+        " of disparity.",
+        columns=(
+            Column("zone_mm", "movement zone", "mm"),
+            Column("zone_deg", "the same", "degrees"),
+            Column("views_per_cm", "views passed per cm of head movement"),
+            Column("depth", "depth", "% of true depth"),
+            Column("disparity_deg", "largest disparity on the screen", "degrees"),
+            Column("step_nearest", "largest step in 1 cm, nearest", "levels"),
+            Column("step_warp2", "largest step in 1 cm, warp2", "levels"),
+            Column("error_levels", "error of each eye's picture, swaying", "levels"),
+        ),
+        charts=(("views_per_cm", "zone_mm"),),
+        paper="alpha fixed at 12 px",
+        rounds=(1, 1),
+    ),
+    Benchmark(
         name="stability",
         title="Stiff and extreme cases",
         question="Does anything lose precision, raise an exception or show a wrong picture,"
