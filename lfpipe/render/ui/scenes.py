@@ -6,7 +6,6 @@ replaces the first.
 """
 
 import base64
-import re
 import textwrap
 from pathlib import Path
 
@@ -31,7 +30,6 @@ NO_OTHER = "there is no other scene: press l, or drop a folder of views onto the
 # of a refusal in the picture; lines of the reason, and of the remedy
 REFUSED_NS = 6 * SECOND_NS
 LINE_CHARS = 60
-TYPED = re.compile(r"`|--|\blfpipe \w|\w=\w")  # what only a terminal takes
 MAX_LINES = 5
 # between two pictures of the camera: a motion is visible, and the scene keeps its rate
 CAMERA_NS = SECOND_NS // 5
@@ -83,9 +81,7 @@ class SceneLoader:
             return
         if not answer.ok:
             lines = [f"{self._what()}: refused".removeprefix(": ")]
-            # a command line is of no use in the window
-            shown = "" if TYPED.search(answer.remedy) else answer.remedy
-            for text in (answer.error, shown):
+            for text in (answer.error, answer.remedy):
                 lines += textwrap.wrap(text, LINE_CHARS)[:MAX_LINES]
             self._notices.show("refused", "\n".join(lines), REFUSED_NS)
         if answer.cmd in ("load", "dialog"):
