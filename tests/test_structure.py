@@ -251,3 +251,22 @@ def test_wall_clock_is_not_read_by_a_session() -> None:
         and node.attr in wall.get(node.value.id, ())
     ]
     assert not wrong, wrong
+
+
+# Where the path of the interpreter may stand: elsewhere `host.child.python` makes a command with
+# it, whose child imports nothing from the working directory.
+INTERPRETER = {
+    "host/child.py",
+    "host/machine.py",  # printed
+    "monitor/doctor.py",  # printed
+    "track/models.py",  # an argument of uv
+    "extras/exhibition/desktop.py",  # written into a menu entry, with -P
+    "extras/sweep/work.py",  # with -P -c
+}
+
+
+def test_children_import_nothing_from_the_working_directory() -> None:
+    found = {
+        module for module, node in nodes(ast.Attribute) if ast.unparse(node) == "sys.executable"
+    }
+    assert found == INTERPRETER

@@ -7,7 +7,6 @@ import json
 import os
 import re
 import subprocess
-import sys
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -323,7 +322,7 @@ def replay(
             "replay", str(sequence), settings or {}, pace=pace, out=kept, scene=path
         )
         done = subprocess.run(
-            [sys.executable, "-m", "lfpipe", *words],
+            python("lfpipe", *words),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             env={**os.environ, ERROR_FILE: str(error_file)},

@@ -6,7 +6,6 @@ import contextlib
 import itertools
 import json
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -30,6 +29,7 @@ from lfpipe.config import Render, converter, load
 from lfpipe.config.check import flat
 from lfpipe.files.safe_files import write_file
 from lfpipe.files.trace import trace_lines
+from lfpipe.host.child import python
 from lfpipe.scene.lightfield import LightField
 from lfpipe.sequence.eyes import Truth
 from lfpipe.sequence.folder import is_sequence
@@ -117,7 +117,7 @@ def run_loop(loop: Loop) -> SessionRun:
     with tempfile.TemporaryDirectory() as folder:
         trace = Path(folder, "trace.jsonl")
         options = json.dumps(attrs.asdict(loop) | {"trace": str(trace)})
-        command = [sys.executable, "-m", "lfpipe.bench.paper_loop", options]
+        command = python("lfpipe.bench.paper_loop", options)
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
             why = done.stderr.strip()[-300:]

@@ -19,6 +19,7 @@ from pathlib import Path
 
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import check_regular, read_bytes, reason, write_file
+from lfpipe.host.child import python
 from lfpipe.host.files import is_dir, is_file
 from lfpipe.host.machine import install_command
 
@@ -164,7 +165,7 @@ def installer(folder: Path) -> list[str]:
         ]
     words = ["download", "--dest", str(folder), *_PIP, *_ONLY, PACKAGE]
     if importlib.util.find_spec("pip"):
-        return [sys.executable, "-m", "pip", *words]
+        return python("pip", *words)
     other = shutil.which("pip")
     return [other, *words] if other else []
 

@@ -50,7 +50,7 @@ def _files() -> dict[Path, str]:
     program = sys.executable.replace("%", "%%")
     for character in '\\"`$':  # quoted for Exec, and once more as a value of the file
         program = program.replace(character, "\\\\" + character)
-    command = f'"{program}" -m lfpipe.extras.exhibition'
+    command = f'"{program}" -P -m lfpipe.extras.exhibition'
     opens = f" up %f\nNoDisplay=true\nMimeType={TYPES}"
     return {
         data / "applications" / "lfpipe.desktop": ENTRY.format(command=command, more=""),

@@ -1,7 +1,6 @@
 """`lfpipe kiosk` and `lfpipe up --kiosk`: exhibitions, which have no operator."""
 
 import os
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +16,7 @@ from lfpipe.config.modes import Window
 from lfpipe.errors import UserError
 from lfpipe.files.output import check_output, write_output
 from lfpipe.files.safe_files import read_text, write_file
+from lfpipe.host.child import python
 from lfpipe.host.files import exists
 from lfpipe.render.display.open_display import parse_display
 
@@ -133,8 +133,8 @@ def install(scenes: tuple[Path, ...], code_file: Path | None) -> None:
         )
     unit = Path(platformdirs.user_config_dir("systemd")) / "user" / "lfpipe-kiosk.service"
     kept = user_file().parent / "kiosk-code"
-    options = ["-m", "lfpipe", "up", "--session", "kiosk", "--kiosk", "--code-file"]
-    words = [sys.executable, *options, str(kept), *map(str, scenes)]
+    options = ("up", "--session", "kiosk", "--kiosk", "--code-file")
+    words = python("lfpipe", *options, str(kept), *map(str, scenes))
     unit.parent.mkdir(parents=True, exist_ok=True)
     check_output(unit, scenes, label="the unit")
     write_file(kept, code.encode())

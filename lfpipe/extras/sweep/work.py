@@ -131,6 +131,7 @@ def _run(cell: Cell, options: SweepOptions, *words: str) -> tuple[int, str, str]
     """
     command = [
         sys.executable,
+        "-P",
         "-c",
         COMMAND,
         str(os.getpid()),
