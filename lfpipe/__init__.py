@@ -6,6 +6,7 @@ the command line stay quick.
 """
 
 import importlib
+import logging
 import os
 from typing import TYPE_CHECKING, Any
 
@@ -43,6 +44,8 @@ _MODULES = {
     "track.head": ("Head",),
 }
 
+# A program that sets up no logging hears nothing, as from any library.
+logging.getLogger(__name__).addHandler(logging.NullHandler())
 # OpenCV reads these when it is imported. The first is a second limit behind lfpipe.files.pictures;
 # the second keeps FFmpeg from printing a line for every frame of a damaged video.
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(240_000_000))

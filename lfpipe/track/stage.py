@@ -84,10 +84,7 @@ def _track(context: Context) -> None:
             if engine.rotated_deg != hinted and not tracker.seen:
                 hinted = engine.rotated_deg
                 upright = (context.config.camera.rotate + hinted) % 360
-                context.emit(
-                    "notice",
-                    text=f"a face is visible, but not upright: set camera.rotate={upright}",
-                )
+                context.notify(f"a face is visible, but not upright: set camera.rotate={upright}")
             context.row["face"] = tracker.seen
             context.row.report_health(tracker.fault, tracker.seen)
             context.row["cpu_ns"] = time.process_time_ns()

@@ -74,9 +74,8 @@ class Sharer:
                 else:
                     output = UdpOutput(target)
         except (OSError, ImportError, RuntimeError) as error:
-            context.emit(
-                "notice",
-                text=f"sharing with {target}: cannot be opened: {error}; nothing is sent there",
+            context.notify(
+                f"sharing with {target}: cannot be opened: {error}; nothing is sent there"
             )
             context.request("share", stop=[text])
             return
@@ -100,7 +99,7 @@ class Sharer:
         if works != channel.works:
             channel.works = works
             state = "works again" if works else "the system does not send it: no route, or no room"
-            self._context.emit("notice", text=f"sharing with {channel.target}: {state}")
+            self._context.notify(f"sharing with {channel.target}: {state}")
 
     def send_frames(self) -> None:
         """Sends the eyes of every new frame."""

@@ -62,7 +62,7 @@ def _save_picture(ui: Ui, _event: Event) -> None:
     if ui.presenter.picture is not None:
         path = picture_folder() / time.strftime("lfpipe-%Y%m%d-%H%M%S.png")
         text = save(path, ui.presenter.picture) or f"picture saved as {path}"
-        ui.context.emit("notice", text=text)
+        ui.context.notify(text)
         ui.notices.show("picture", text)
 
 

@@ -122,7 +122,7 @@ class Ui:
             if notice.lost:
                 self.context.report_lost(notice.text)
             else:
-                self.context.emit("notice", text=notice.text)
+                self.context.notify(notice.text)
 
     def _set_overlay(self, t_ns: int) -> None:
         if self._scenes_wait and self.page is None:
