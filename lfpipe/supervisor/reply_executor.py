@@ -21,6 +21,8 @@ from lfpipe.transport.clock import now_ns
 from lfpipe.transport.control import BadMessage, Message
 
 logger = logging.getLogger(__name__)
+# keys that make a message an answer or a change of configuration: a client cannot send them on
+RESERVED = frozenset(("ok", "error", "remedy", "config", "options", "number", "rev"))
 MAX_ERROR_CHARS = 2000  # of an answer: parts of the text came from outside
 INTERNAL = {
     "ok": False,
@@ -108,8 +110,9 @@ class ReplyExecutor:
                 self.answer(replaced, REPLACED)
         elif reply.executed_by:
             number = self._pending.await_stages(request, reply.executed_by, now_ns())
+            passed = {key: request.message[key] for key in request.message.keys() - RESERVED}
             for stage in reply.executed_by:
-                self._sockets.send(stage, {**request.message, "number": number})
+                self._sockets.send(stage, {**passed, "number": number})
         else:
             self._answer(request, reply)
         if not reply.stop:

@@ -156,3 +156,17 @@ def test_stages_that_are_killed_or_hang_come_back(world: World, scene: Path) -> 
     assert "track: no beat for" in world.ended(process) and not any(
         Path(f"/proc/{pid}").exists() for pid in pids
     )
+
+
+@pytest.mark.live
+@pytest.mark.parametrize(
+    "odd", [{"ok": False}, {"ok": True}, {"config": {}}, {"number": 7}, {"error": "x", "ok": False}]
+)
+def test_a_request_that_looks_like_an_answer_is_a_request(
+    world: World, scene: Path, odd: dict[str, Any]
+) -> None:
+    world.shows(scene)
+    before = world.monitor()["stages"]["render"]
+    assert world.ask(cmd="recentre", **odd)["ok"]
+    after = world.monitor()["stages"]["render"]
+    assert after["pid"] == before["pid"] and after["restarts"] == 0

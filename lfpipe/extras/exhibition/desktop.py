@@ -9,6 +9,7 @@ import click
 
 from lfpipe.cli.terminal import print_error, print_result
 from lfpipe.errors import UserError
+from lfpipe.extras.exhibition.kiosk import require_plain
 from lfpipe.files.output import check_output, write_output, written_by_lfpipe
 
 TYPES = (
@@ -47,6 +48,7 @@ def _files() -> dict[Path, str]:
     import platformdirs
 
     data = platformdirs.user_data_path()
+    require_plain([sys.executable])
     program = sys.executable.replace("%", "%%")
     for character in '\\"`$':  # quoted for Exec, and once more as a value of the file
         program = program.replace(character, "\\\\" + character)

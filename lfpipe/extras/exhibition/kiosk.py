@@ -2,7 +2,8 @@
 
 import os
 import time
-from collections.abc import Callable
+import unicodedata
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from lfpipe.cli.options import PATH
 from lfpipe.cli.terminal import print_result, say
 from lfpipe.config import user_file
 from lfpipe.config.modes import Window
-from lfpipe.errors import UserError
+from lfpipe.errors import UserError, quoted
 from lfpipe.files.output import check_output, write_output
 from lfpipe.files.safe_files import read_text, write_file
 from lfpipe.host.child import python
@@ -135,6 +136,7 @@ def install(scenes: tuple[Path, ...], code_file: Path | None) -> None:
     kept = user_file().parent / "kiosk-code"
     options = ("up", "--session", "kiosk", "--kiosk", "--code-file")
     words = python("lfpipe", *options, str(kept), *map(str, scenes))
+    require_plain(words)
     unit.parent.mkdir(parents=True, exist_ok=True)
     check_output(unit, scenes, label="the unit")
     write_file(kept, code.encode())
@@ -143,6 +145,18 @@ def install(scenes: tuple[Path, ...], code_file: Path | None) -> None:
     )
     print_result(unit)
     say("start it, now and with every desktop: systemctl --user enable --now lfpipe-kiosk")
+
+
+def require_plain(words: Iterable[str]) -> None:
+    """Raises UserError for a word that a line of a unit or of a desktop entry cannot hold: a line
+    break would begin a line of its own, which another program executes.
+    """
+    for word in words:
+        if odd := next((c for c in word if unicodedata.category(c) in ("Cc", "Zl", "Zp")), ""):
+            raise UserError(
+                f"{quoted(word)}: contains {odd!a}, which a service cannot have in its command",
+                "rename the file or folder",
+            )
 
 
 def _quoted(word: str) -> str:

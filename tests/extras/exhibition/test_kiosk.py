@@ -106,3 +106,15 @@ def test_kiosk_install_writes_a_unit_of_systemd(world: World, scene: Path) -> No
     for words in ((scene_there,), ("--code-file", code, "nowhere")):
         world.refused("kiosk", "install", *words)
     world.refused("up", scene, "--kiosk", "--code-file", code, "--display", "none")
+
+
+@pytest.mark.parametrize("odd", ["a\nExecStart=/bin/true", "b\r", "c\x1b[2J", "d\u2028"])
+def test_kiosk_install_refuses_names_that_would_add_lines_to_the_unit(
+    world: World, scene: Path, odd: str
+) -> None:
+    named = shutil.copytree(scene, world.root / odd)
+    code = world.root / "code"
+    code.write_text("leave2026")
+    told = world.refused("kiosk", "install", "--code-file", code, named)
+    assert "contains" in told and "rename" in told
+    assert not list((world.root / "settings").rglob("*.service"))
