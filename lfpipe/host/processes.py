@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import multiprocessing
 import os
 import signal
 from collections.abc import Sequence
@@ -48,10 +49,11 @@ def yield_to_others() -> None:
 
 
 def set_up(name: str) -> None:
-    """Sets a process name for tools, precise sleeps, and an allocator that keeps memory for the
-    next frame: returning pictures to the kernel and faulting them in again costs 1 ms per frame of
-    640x480.
+    """Sets a process name for tools and the log, precise sleeps, and an allocator that keeps memory
+    for the next frame: returning pictures to the kernel and faulting them in again costs 1 ms per
+    frame of 640x480.
     """
+    multiprocessing.current_process().name = name
     with contextlib.suppress(OSError):
         Path("/proc/self/comm").write_text(name[:15])
     _libc("mallopt", M_MMAP_THRESHOLD, KEPT_BYTES)

@@ -1,4 +1,4 @@
-"""`lfpipe up --share` and `lfpipe ctl share`."""
+"""Sharing: the option `--share` of `lfpipe up`, and the command `lfpipe ctl share`."""
 
 from collections.abc import Callable
 from typing import Any

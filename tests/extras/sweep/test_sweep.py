@@ -253,7 +253,7 @@ def test_references_of_a_corpus(world: World, corpus: Path) -> None:
     world.done(*words, "--update")
     assert len(list((world.root / "ref").iterdir())) == 2
     assert "2 cells: 2 ok" in world.done(*words).stdout
-    for path in (world.root / "ref").glob("quality*/figures.json"):
+    for path in (world.root / "ref").glob("quality*/metrics.json"):
         path.write_text(
             json.dumps({name: value * 1.1 for name, value in json.loads(path.read_text()).items()})
         )
@@ -266,7 +266,7 @@ def test_references_of_a_corpus(world: World, corpus: Path) -> None:
     for text, named in (("[1]", "expected a JSON object"), ('{"a": "b"}', "expected a number")):
         path.write_text(text)
         broken = world.run(*words)
-        assert broken.returncode == 1 and "figures.json" in broken.stdout
+        assert broken.returncode == 1 and "metrics.json" in broken.stdout
         assert named in broken.stdout and "Error" not in broken.stdout
 
 
