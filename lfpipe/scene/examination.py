@@ -20,13 +20,14 @@ from lfpipe.scene.lightfield import Depth, OrientationFacts
 from lfpipe.scene.orientation import Orientation, orient
 from lfpipe.scene.plausibility import plausible
 from lfpipe.scene.source import GridTransform, SceneSource, ViewIndex
-from lfpipe.scene.verdict import Evidence
+from lfpipe.scene.verdict import Evidence, SceneKind
 
 STRIP_ROWS = 256  # of a large view, processed at a time to limit memory
 SCREEN_GAMMA = 2.2  # of linear-light pictures: out = in ** (1 / gamma)
 # median and mean of a linear-light picture of an ordinary scene are lower,
 # those of a screen-ready one higher
 _DARK = 0.17
+STATED = {"yes": True, "no": False}  # scene.invert_depth
 FrameIndex = tuple[int, int, int]  # frame, row, column
 
 
@@ -52,15 +53,15 @@ class Examined:
     def orientation_facts(self) -> OrientationFacts:
         """The facts of the pack; a stated depth order is certain."""
         facts = self.orientation.facts
-        if self.source.stated_depth_order == "auto":
+        inverted = self.source.stated_inverted
+        if inverted is None:
             return facts
-        inverted = self.source.stated_depth_order == "yes"
         return attrs.evolve(facts, invert_depth=inverted, depth_order_sure=True)
 
     @property
     def too_far_apart(self) -> bool:
         """Whether the views are too far apart to make others between them."""
-        return self.evidence is not None and self.evidence.verdict.kind == "too far apart"
+        return self.evidence is not None and self.evidence.verdict.kind is SceneKind.TOO_FAR_APART
 
     @property
     def depth(self) -> Depth:
@@ -139,7 +140,7 @@ def checked_source(
         source = attrs.evolve(
             source,
             files=(*source.files, file),
-            stated_depth_order=values.get("invert_depth", "auto"),
+            stated_inverted=STATED.get(values.get("invert_depth", "auto")),
             notes=(*source.notes, f"{FILE} states {', '.join(values)}"),
         )
     require_plausible_truth(source)

@@ -2,6 +2,7 @@
 left camera); and its manifest, what manifest.json of a pack says: everything but its arrays.
 """
 
+import enum
 from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Self
@@ -31,11 +32,31 @@ class Depth:
         return max(-self.min_px, self.max_px)
 
 
+class DisparitySource(enum.StrEnum):
+    """Where disparity comes from; the values stand in manifests."""
+
+    NONE = "none"
+    UNKNOWN = "unknown"  # not packed yet
+    ESTIMATED = "estimated"
+    TRUTH = "truth"
+
+
+class OrderSource(enum.StrEnum):
+    """What determined the order of the views; the values stand in manifests."""
+
+    NOTHING = "nothing"
+    OVERRIDE = "override"
+    COORDINATES = "coordinates"
+    TRUTH = "truth"
+    LAYOUT = "layout"
+    FLOW = "flow"
+
+
 @attrs.frozen(kw_only=True)
 class Disparity(Depth):
     """Where the disparities of a pack are from, and the step of the stored maps."""
 
-    source: str = "none"  # "truth" or "estimated"; of what is not packed yet, also "unknown"
+    source: DisparitySource = DisparitySource.NONE
     scale_px: float = 1 / 16
 
 
@@ -43,7 +64,7 @@ class Disparity(Depth):
 class OrientationFacts:
     """The evidence for the order of the views, as `orientation.Orientation` has it."""
 
-    by: str = "nothing"
+    by: OrderSource = OrderSource.NOTHING
     sure: bool = True
     reason: str = ""
     undecided: str = ""
@@ -141,7 +162,7 @@ class LightField:
     disparity_scale_px: float
     disparity_min_px: float
     disparity_max_px: float
-    disparity_source: str  # "truth", "estimated" or "none"
+    disparity_source: str  # a DisparitySource
     offsets: NDArray[np.float32]
     present: NDArray[np.bool_]
     geometry: Geometry

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.scene.disparity import depth_range, mismatch, view_disparity
-from lfpipe.scene.lightfield import Depth, OrientationFacts
+from lfpipe.scene.lightfield import Depth, OrderSource, OrientationFacts
 from lfpipe.scene.occlusion import hides, places
 from lfpipe.scene.optical_flow import (
     SMALLEST_PX,
@@ -52,7 +52,7 @@ class Orientation:
     """
 
     turn: GridTransform
-    by: str
+    by: OrderSource
     reason: str
     undecided: str = ""
     depth_order_sure: bool = True
@@ -68,7 +68,7 @@ class Orientation:
         """Whether the canonical grid is a half-turn of what a pack holds; "override" is packed as
         asked.
         """
-        return self.by != "override" and self.turn.cols
+        return self.by is not OrderSource.OVERRIDE and self.turn.cols
 
     @property
     def packed(self) -> GridTransform:
@@ -145,12 +145,14 @@ def orient(source: SceneSource, scene: config.Scene) -> Orientation:
     if scene.flip != "auto" or (scene.transpose != "auto" and turn != best.turn):
         best = Orientation(
             turn=turn,
-            by="override",
+            by=OrderSource.OVERRIDE,
             reason=f"set by scene.flip or scene.transpose; without that: {best.reason}",
             undecided=source.doubt,
             detected=best.turn,
         )
-    unknown = best.depth is None and best.by != "nothing" and source.rows * source.cols > 1
+    unknown = (
+        best.depth is None and best.by is not OrderSource.NOTHING and source.rows * source.cols > 1
+    )
     return attrs.evolve(best, depth=_depth(source, best)) if unknown else best
 
 
@@ -173,7 +175,7 @@ def _depth(source: SceneSource, order: Orientation) -> Depth | None:
 def _detected(source: SceneSource) -> Orientation:
     """Orientation without the user's setting."""
     if source.rows * source.cols == 1:
-        return Orientation(turn=GridTransform(), by="layout", reason="there is one view")
+        return Orientation(turn=GridTransform(), by=OrderSource.LAYOUT, reason="there is one view")
     if source.turn is None:
         return _by_flow(source)
     truth = None if source.rendered else _by_truth(source)
@@ -182,10 +184,10 @@ def _detected(source: SceneSource) -> Orientation:
             f"{source.turn_by}, but true disparity lands on the neighbouring views only when turned"
             " otherwise"
         )
-        return Orientation(turn=truth, by="truth", reason=reason)
+        return Orientation(turn=truth, by=OrderSource.TRUTH, reason=reason)
     stated = Orientation(
         turn=source.turn,
-        by="layout" if source.coordinates is None else "coordinates",
+        by=OrderSource.LAYOUT if source.coordinates is None else OrderSource.COORDINATES,
         reason=source.turn_by,
     )
     if truth is not None or source.turn_firm:
@@ -200,7 +202,7 @@ def _detected(source: SceneSource) -> Orientation:
         )
     depth_inverted = attrs.evolve(source.turn, rows=not source.turn.rows, cols=not source.turn.cols)
     proven = (
-        by_flow.by == "flow"
+        by_flow.by is OrderSource.FLOW
         and min(source.rows, source.cols) > 1
         and by_flow.turn != depth_inverted
     )
@@ -254,7 +256,7 @@ def _by_flow(source: SceneSource) -> Orientation:
     def unknown(reason: str, what: str = "the order of the views") -> Orientation:
         return Orientation(
             turn=GridTransform(),
-            by="nothing",
+            by=OrderSource.NOTHING,
             reason=reason,
             undecided=f"{what}; {_TURN_HELP}; {_DEPTH_HELP}",
             depth_order_sure=False,
@@ -304,7 +306,7 @@ def _by_flow(source: SceneSource) -> Orientation:
     depth = moving[0].disparity * np.float32(source.width_px / moving[0].disparity.shape[1])
     return Orientation(
         turn=turn,
-        by="flow",
+        by=OrderSource.FLOW,
         reason=reason,
         undecided=undecided,
         depth_order_sure=bool(verdict),

@@ -31,7 +31,7 @@ from lfpipe.files.untrusted import json_fields
 from lfpipe.host.file_lock import lock_open
 from lfpipe.host.files import reserve
 from lfpipe.scene.inverted_depth import shown_as
-from lfpipe.scene.lightfield import VERSION, LightField, Manifest
+from lfpipe.scene.lightfield import VERSION, DisparitySource, LightField, Manifest
 
 VIEWS, DISPARITY, MANIFEST = "views.npy", "disparity.npy", "manifest.json"
 INTERIM = "interim.npy"  # while the disparity is estimated
@@ -152,7 +152,7 @@ def light_field(folder: Path, manifest: Manifest) -> LightField:
     Raises OSError, ValueError and others for what lfpipe did not write.
     """
     disparity = None
-    if manifest.complete and manifest.disparity.source != "none":
+    if manifest.complete and manifest.disparity.source is not DisparitySource.NONE:
         disparity = _mapped(folder / DISPARITY, manifest.disparity_shape, np.int8)
     return LightField.of(
         manifest,

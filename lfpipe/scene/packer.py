@@ -34,7 +34,6 @@ from lfpipe.host.files import is_dir
 from lfpipe.host.worker import Report, serve
 from lfpipe.scene import layouts
 from lfpipe.scene.cache import cache_dir, cache_root, packed
-from lfpipe.scene.contact_sheet import stored_view
 from lfpipe.scene.demo import named_scene
 from lfpipe.scene.examination import examine_scene
 from lfpipe.scene.info import scene_manifest
@@ -171,7 +170,8 @@ def _preview(path: Path, settings: Scene) -> str:
 def _middle_view(path: Path, settings: Scene) -> NDArray[np.floating[Any]]:
     """A scene's middle view, RGB, 0 to 1: from its pack, or else from its pictures."""
     if (field := packed(path, settings)) is not None:
-        return stored_view(field, field.rows // 2, field.cols // 2).astype(np.float32) / 255
+        planes = field.views[0, field.rows // 2, field.cols // 2]
+        return np.repeat(np.moveaxis(planes, 0, -1), 3 // len(planes), axis=2) / 255
     source = layouts.describe(named_scene(path, cache_dir(settings)), settings)
     view = source.read(0, *source.middle) / source.max_value
     return np.asarray(np.clip(view, 0, 1) ** (1 / 2.2 if source.linear else 1.0))

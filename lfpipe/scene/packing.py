@@ -44,7 +44,13 @@ from lfpipe.scene.examination import (
     is_grey,
 )
 from lfpipe.scene.files import library_errors
-from lfpipe.scene.lightfield import UNKNOWN, Disparity, LightField, Manifest
+from lfpipe.scene.lightfield import (
+    UNKNOWN,
+    Disparity,
+    DisparitySource,
+    LightField,
+    Manifest,
+)
 from lfpipe.scene.missing_views import fill_missing, nearest_present
 from lfpipe.scene.optical_flow import SMALLEST_PX
 from lfpipe.scene.pack import (
@@ -349,5 +355,8 @@ def _estimate(
         low = min(span[0] for span in true_ranges)
         high = max(span[1] for span in true_ranges)
     return Disparity(
-        source="truth" if true_ranges else "estimated", scale_px=scale, min_px=low, max_px=high
+        source=DisparitySource.TRUTH if true_ranges else DisparitySource.ESTIMATED,
+        scale_px=scale,
+        min_px=low,
+        max_px=high,
     )

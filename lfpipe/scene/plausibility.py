@@ -24,7 +24,7 @@ from lfpipe.scene.optical_flow import (
     textured,
 )
 from lfpipe.scene.source import GridTransform, SceneSource
-from lfpipe.scene.verdict import EXPLAINED, Evidence
+from lfpipe.scene.verdict import EXPLAINED, Evidence, SceneKind
 
 log = logging.getLogger(__name__)
 
@@ -363,9 +363,10 @@ def plausible(source: SceneSource, force: bool) -> tuple[SceneSource, Evidence |
         evidence.moved_px,
     )
     verdict = evidence.verdict
-    if verdict.kind == "light field" or (verdict.kind == "no light field" and source.certain):
+    refused = verdict.kind is SceneKind.NOT_A_LIGHT_FIELD
+    if verdict.kind is SceneKind.LIGHT_FIELD or (refused and source.certain):
         return source, evidence
-    if verdict.kind == "no light field" and not force:
+    if refused and not force:
         grid = f"{source.rows}x{source.cols} views of layout {source.layout}"
         anyway = "open it all the same with --set scene.force=true"
         if len(source.files) > 1:
@@ -373,7 +374,7 @@ def plausible(source: SceneSource, force: bool) -> tuple[SceneSource, Evidence |
                 f"give the folder of one scene, or one of the pictures: {source.files[0]}; {anyway}"
             )
         raise UserError(f"{source.path}: {verdict.reason} (read as {grid})", anyway)
-    if verdict.kind == "one view":
+    if verdict.kind is SceneKind.ONE_VIEW:
         source = _as_one(source)
     return attrs.evolve(
         source, doubt="; ".join(filter(None, (source.doubt, verdict.reason)))

@@ -75,7 +75,7 @@ class SceneSource:
         nearer, and hold with `turn` (no turn where that is None).
     rendered: views and truth are computed from one picture and agree: nothing to check or to
     estimate.
-    stated_depth_order: as scene.invert_depth, from `lightfield.toml`.
+    stated_inverted: what `lightfield.toml` states as scene.invert_depth; None for "auto".
     linear: the values are linear light. doubt: what the layout leaves open, "" for nothing.
     certain: whether the format says that this is a light field; False where names or a look at a
     picture suggest it.
@@ -104,7 +104,7 @@ class SceneSource:
     geometry: Geometry = attrs.field(factory=Geometry)
     linear: bool = False
     doubt: str = ""
-    stated_depth_order: str = "auto"
+    stated_inverted: bool | None = None
     certain: bool = True
     notes: tuple[str, ...] = ()
 

@@ -4,8 +4,9 @@ Before packing, a few small views (`plausibility`) say whether the pictures are 
 it, held-out views of the pack (`render.scoring`) say which method makes its views.
 """
 
+import enum
 from collections.abc import Mapping, Sequence
-from typing import Literal, Self
+from typing import Self
 
 import attrs
 import numpy as np
@@ -30,11 +31,20 @@ WARPED_PX = 0.5  # disparity from which on a warp is worth it where no view can 
 BLEND_PX = 2.0  # disparity up to which a cross-fade shows no double edges worth mentioning
 
 
-@attrs.frozen(kw_only=True)
-class Verdict:
-    """What the pictures of a scene are."""
+class SceneKind(enum.Enum):
+    """What a set of pictures is."""
 
-    kind: Literal["light field", "one view", "too far apart", "no light field"]
+    LIGHT_FIELD = enum.auto()
+    ONE_VIEW = enum.auto()  # nothing moves between the pictures
+    TOO_FAR_APART = enum.auto()  # no views can be made between them
+    NOT_A_LIGHT_FIELD = enum.auto()
+
+
+@attrs.frozen
+class Verdict:
+    """What the pictures of a scene are, and why."""
+
+    kind: SceneKind
     reason: str = ""  # for people; "" for a light field
 
 
@@ -70,27 +80,26 @@ class Evidence:
         unexplained = self.explained < UNEXPLAINED
         if self.change and not (poor and unexplained):
             return Verdict(
-                kind="no light field",
-                reason=f"the pictures do not fit together as a light field: {self.change}",
+                SceneKind.NOT_A_LIGHT_FIELD,
+                f"the pictures do not fit together as a light field: {self.change}",
             )
         if self.missed_motion is None and (unexplained or (poor and self.explained < EXPLAINED)):
             return Verdict(
-                kind="no light field",
-                reason="these are different pictures, not one scene from several places",
+                SceneKind.NOT_A_LIGHT_FIELD,
+                "these are different pictures, not one scene from several places",
             )
         if self.moved_px < NOTHING_PX and self.held_out_db > POOR_DB:
             return Verdict(
-                kind="one view",
-                reason="nothing moves between these pictures: one of them is shown",
+                SceneKind.ONE_VIEW, "nothing moves between these pictures: one of them is shown"
             )
         if self.missed_motion is not None:
             share = max(map(abs, self.missed_motion))
             return Verdict(
-                kind="too far apart",
-                reason=f"the views are too far apart ({share:.0%} of the width): no views are"
+                SceneKind.TOO_FAR_APART,
+                f"the views are too far apart ({share:.0%} of the width): no views are"
                 " made between them",
             )
-        return Verdict(kind="light field")
+        return Verdict(SceneKind.LIGHT_FIELD)
 
 
 def best_method(scores: Mapping[str, float], reach_px: float, has_disparity: bool) -> str:

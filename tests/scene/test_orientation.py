@@ -19,6 +19,7 @@ from lfpipe.scene.layouts._grid import coordinate_turn
 from lfpipe.scene.orientation import orient
 from lfpipe.scene.plausibility import gather_evidence
 from lfpipe.scene.source import GridTransform
+from lfpipe.scene.verdict import SceneKind
 from tests.scene import made
 from tests.scene.made import TURNS, as_source, turned
 
@@ -120,7 +121,7 @@ def test_sample_scenes_need_no_override(name: str) -> None:
         ),
     ):
         evidence = gather_evidence(views)
-        assert evidence is None or evidence.verdict.kind != "no light field"
+        assert evidence is None or evidence.verdict.kind is not SceneKind.NOT_A_LIGHT_FIELD
     # flow agrees, or says that it does not know
     if name in ("hci_antinous", "stanford_lego_knights_17x17"):
         blind = orient(attrs.evolve(source, turn=None, truth={}, coordinates=None), AUTO)

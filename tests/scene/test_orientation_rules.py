@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe import config
+from lfpipe.scene.lightfield import OrderSource
 from lfpipe.scene.orientation import ALIKE, Axis, Orientation, examine_axis, orient, same_way
 from lfpipe.scene.source import GridTransform, SceneSource
 from tests.scene import made
@@ -250,13 +251,13 @@ def test_order_of_views(kind: str) -> None:
 
 @pytest.mark.parametrize("turn", TURNS, ids=str)
 def test_a_pack_leaves_the_half_turn_to_the_session(turn: GridTransform) -> None:
-    order = Orientation(turn=turn, by="flow", reason="")
+    order = Orientation(turn=turn, by=OrderSource.FLOW, reason="")
     assert order.invert_depth is turn.cols
     assert order.packed == (
         GridTransform(not turn.rows, False, turn.transpose) if turn.cols else turn
     )
     assert order.truth_sign == (-1 if turn.cols else 1)
-    asked = Orientation(turn=turn, by="override", reason="", detected=GridTransform())
+    asked = Orientation(turn=turn, by=OrderSource.OVERRIDE, reason="", detected=GridTransform())
     assert (asked.invert_depth, asked.packed) == (False, turn)
     assert asked.truth_sign == (
         0 if turn.transpose or turn.rows != turn.cols else -1 if turn.cols else 1

@@ -11,7 +11,7 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene.packing import pack_scene
 from lfpipe.scene.plausibility import gather_evidence
-from lfpipe.scene.verdict import Evidence, best_method
+from lfpipe.scene.verdict import Evidence, SceneKind, best_method
 from tests.scene import made
 from tests.scene.made import as_source
 
@@ -113,7 +113,7 @@ NO_LIGHT_FIELDS = {
 @pytest.mark.parametrize("kind", NO_LIGHT_FIELDS)
 def test_what_is_no_light_field_is_refused(kind: str) -> None:
     evidence = gather_evidence(as_source(NO_LIGHT_FIELDS[kind]))
-    assert evidence is not None and evidence.verdict.kind == "no light field"
+    assert evidence is not None and evidence.verdict.kind is SceneKind.NOT_A_LIGHT_FIELD
 
 
 NOISE = np.random.default_rng(0).normal(0, 20, made.views(5, 5).shape)
@@ -165,7 +165,7 @@ LIGHT_FIELDS = {
 @pytest.mark.parametrize("kind", LIGHT_FIELDS)
 def test_no_light_field_is_refused(kind: str) -> None:
     evidence = gather_evidence(as_source(LIGHT_FIELDS[kind]))
-    assert evidence is not None and evidence.verdict.kind != "no light field"
+    assert evidence is not None and evidence.verdict.kind is not SceneKind.NOT_A_LIGHT_FIELD
     assert "hand" not in kind or evidence.explained > 0.4
 
 
@@ -188,18 +188,21 @@ CLOSER = "the camera comes nearer"
 @pytest.mark.parametrize(
     ("evidence", "kind"),
     [
-        (Evidence(held_out_db=31, explained=0.4), "light field"),
-        (Evidence(held_out_db=25, explained=0.64), "light field"),
-        (Evidence(held_out_db=25, explained=0.4), "no light field"),
-        (Evidence(held_out_db=40, explained=0.1), "no light field"),
-        (Evidence(held_out_db=40, explained=0.9, change=CLOSER), "no light field"),
-        (Evidence(held_out_db=40, explained=0.9, moved_px=0.1), "one view"),
-        (Evidence(held_out_db=20, explained=0.1, missed_motion=(0.1, 0.3)), "too far apart"),
+        (Evidence(held_out_db=31, explained=0.4), SceneKind.LIGHT_FIELD),
+        (Evidence(held_out_db=25, explained=0.64), SceneKind.LIGHT_FIELD),
+        (Evidence(held_out_db=25, explained=0.4), SceneKind.NOT_A_LIGHT_FIELD),
+        (Evidence(held_out_db=40, explained=0.1), SceneKind.NOT_A_LIGHT_FIELD),
+        (Evidence(held_out_db=40, explained=0.9, change=CLOSER), SceneKind.NOT_A_LIGHT_FIELD),
+        (Evidence(held_out_db=40, explained=0.9, moved_px=0.1), SceneKind.ONE_VIEW),
+        (
+            Evidence(held_out_db=20, explained=0.1, missed_motion=(0.1, 0.3)),
+            SceneKind.TOO_FAR_APART,
+        ),
     ],
 )
-def test_evidence_has_one_verdict(evidence: Evidence, kind: str) -> None:
-    assert evidence.verdict.kind == kind
-    assert bool(evidence.verdict.reason) == (kind != "light field")
+def test_evidence_has_one_verdict(evidence: Evidence, kind: SceneKind) -> None:
+    assert evidence.verdict.kind is kind
+    assert bool(evidence.verdict.reason) == (kind is not SceneKind.LIGHT_FIELD)
 
 
 @pytest.mark.parametrize(
