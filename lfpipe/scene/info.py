@@ -1,4 +1,4 @@
-"""Facts about a scene, for people and programs: from its pack, or from an examination if there is
+"""Facts about a scene, for people and programs: from its pack, or from an analysis if there is
 none yet.
 """
 
@@ -8,7 +8,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from lfpipe.scene.examination import Examined
+from lfpipe.scene.analysis import AnalysedScene
 from lfpipe.scene.lightfield import DisparitySource, LightField, Manifest
 from lfpipe.scene.packing import manifest_of
 
@@ -32,8 +32,8 @@ _NAMES = (
 )
 
 
-def scene_manifest(scene: Examined) -> Manifest:
-    """What is known of an examined scene before it is packed, in the order in which it is shown.
+def scene_manifest(scene: AnalysedScene) -> Manifest:
+    """What is known of an analysed scene before it is packed, in the order in which it is shown.
     Offsets are rounded: a child's answer has at most 1 MB.
     """
     manifest = manifest_of(scene)
@@ -101,8 +101,8 @@ def lines(manifest: Manifest, pack: str = "") -> list[str]:
     colour = "colour" if manifest.channels == 3 else "grey"
     tone = f", gamma {manifest.gamma:g} ({manifest.gamma_by})" if manifest.gamma != 1 else ""
     say("depth", f"{manifest.bit_depth} bit, {colour}{tone}")
-    evidence = f"{order.by}, sure" if order.sure else order.by
-    say("order", f"{turned or 'as in the files'}: {order.reason} ({evidence})")
+    certainty = f"{order.by}, sure" if order.sure else order.by
+    say("order", f"{turned or 'as in the files'}: {order.reason} ({certainty})")
     if order.undecided:
         say("undecided", order.undecided)
     if manifest.frames > 1:

@@ -33,9 +33,9 @@ from lfpipe.files.decoding import fit_area
 from lfpipe.host.files import is_dir
 from lfpipe.host.worker import Report, serve
 from lfpipe.scene import layouts
+from lfpipe.scene.analysis import analyse_scene
 from lfpipe.scene.cache import cache_dir, cache_root, packed
 from lfpipe.scene.demo import named_scene
-from lfpipe.scene.examination import examine_scene
 from lfpipe.scene.info import scene_manifest
 from lfpipe.scene.open_scene import PackerRequest
 from lfpipe.scene.pack import open_pack, summarize
@@ -90,7 +90,7 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
             report(preview=str(path), data=_preview(path, settings))
         return {}
     if asked.do == "info":
-        return attrs.asdict(scene_manifest(examine_scene(paths[0], settings)))
+        return attrs.asdict(scene_manifest(analyse_scene(paths[0], settings)))
     if asked.expand:
         paths = playlist(paths, settings)
         report(scenes=[str(path) for path in paths])

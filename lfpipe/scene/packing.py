@@ -22,6 +22,15 @@ from lfpipe.errors import plain
 from lfpipe.host import file_lock
 from lfpipe.host.processes import usable_cores
 from lfpipe.scene import cache
+from lfpipe.scene.analysis import (
+    STRIP_ROWS,
+    AnalysedScene,
+    FrameIndex,
+    analyse_source,
+    checked_source,
+    is_grey,
+)
+from lfpipe.scene.classification import best_method
 from lfpipe.scene.disparity import (
     border_range,
     compared,
@@ -34,14 +43,6 @@ from lfpipe.scene.disparity import (
     shrinking,
     stored_map,
     view_disparity,
-)
-from lfpipe.scene.examination import (
-    STRIP_ROWS,
-    Examined,
-    FrameIndex,
-    checked_source,
-    examine_source,
-    is_grey,
 )
 from lfpipe.scene.files import library_errors
 from lfpipe.scene.lightfield import (
@@ -64,7 +65,6 @@ from lfpipe.scene.pack import (
     write_manifest,
 )
 from lfpipe.scene.source import Progress
-from lfpipe.scene.verdict import best_method
 
 T = TypeVar("T")
 # PSNR in dB of held-out views of a packed light field by method
@@ -110,7 +110,7 @@ def pack_scene(
             root / "locks" / key, lambda: progress("waiting for another packer", 0, 1)
         ):
             if cache.usable(folder, settings, complete=True) is None:
-                scene = examine_source(source, settings)
+                scene = analyse_source(source, settings)
                 try:
                     _write_views(scene, folder, can_be_shown, progress)
                 except NotGreyError:
@@ -121,7 +121,7 @@ def pack_scene(
             return open_pack(folder, settings.invert_depth)
 
 
-def manifest_of(scene: Examined, key: str = "") -> Manifest:
+def manifest_of(scene: AnalysedScene, key: str = "") -> Manifest:
     """The manifest of a pack without disparity.
 
     Its range is that of the few views that were compared.
@@ -163,7 +163,9 @@ class NotGreyError(Exception):
     """A view has colour although the examined ones had none."""
 
 
-def _view_writer(scene: Examined, out: Callable[[], NDArray[Any]]) -> Callable[[FrameIndex], None]:
+def _view_writer(
+    scene: AnalysedScene, out: Callable[[], NDArray[Any]]
+) -> Callable[[FrameIndex], None]:
     """A function that decodes one view into the array that out() maps; it raises UserError, and
     NotGreyError if the view has colour but the pack has no planes for it.
     """
@@ -187,7 +189,7 @@ def _view_writer(scene: Examined, out: Callable[[], NDArray[Any]]) -> Callable[[
 
 
 def _write_views(
-    scene: Examined, folder: Path, can_be_shown: Callable[[], None], progress: Progress
+    scene: AnalysedScene, folder: Path, can_be_shown: Callable[[], None], progress: Progress
 ) -> None:
     """Writes the views of a new pack, those nearest to the middle of the grid first; places without
     a view get a copy of the nearest one. The manifest, without which it is no pack, comes with the
@@ -227,7 +229,7 @@ def _write_views(
         raise
 
 
-def _complete(scene: Examined, folder: Path, score: Score, progress: Progress) -> None:
+def _complete(scene: AnalysedScene, folder: Path, score: Score, progress: Progress) -> None:
     """Writes the disparity of a pack with views; the manifest that announces it comes last."""
     with cache.writing(folder.parents[1]):
         disparity = write_disparity(scene, folder, progress)
@@ -268,7 +270,7 @@ def run_parallel(
         cv2.setNumThreads(threads)
 
 
-def write_disparity(scene: Examined, folder: Path, progress: Progress) -> Disparity:
+def write_disparity(scene: AnalysedScene, folder: Path, progress: Progress) -> Disparity:
     """Writes disparity.npy into the folder of a pack with views; returns its entry in the manifest.
 
     min_px and max_px are those of the truth if there is any ("source"), else robust extremes of the
@@ -297,7 +299,7 @@ def write_disparity(scene: Examined, folder: Path, progress: Progress) -> Dispar
 
 
 def _estimate(
-    scene: Examined,
+    scene: AnalysedScene,
     views: Callable[[], NDArray[Any]],
     interim: Callable[[], NDArray[Any]],
     progress: Progress,

@@ -1,4 +1,4 @@
-"""Examines a few small pictures before all of them are packed: whether they form a light field, and
+"""Measures a few small views before all of them are packed: whether they form a light field, and
 whether anything moves between them.
 """
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
+from lfpipe.scene.classification import EXPLAINED, Measurements, SceneKind
 from lfpipe.scene.optical_flow import (
     FloatMap,
     Grey,
@@ -24,7 +25,6 @@ from lfpipe.scene.optical_flow import (
     textured,
 )
 from lfpipe.scene.source import GridTransform, SceneSource
-from lfpipe.scene.verdict import EXPLAINED, Evidence, SceneKind
 
 log = logging.getLogger(__name__)
 
@@ -171,14 +171,14 @@ def _blocks(a: Grey, b: Grey, ahead: FloatMap) -> tuple[float, float] | None:
     return float(low) / width, float(high) / width
 
 
-def _pair(a: Grey, b: Grey) -> Evidence:
+def _pair(a: Grey, b: Grey) -> Measurements:
     """As `_triple`, for two views: one predicted from the other, and the share of its detail found
     there.
     """
     ahead, confirmed = returned_flow(a, b)
     detail = textured(a)
     explained = float(confirmed[detail].mean()) if detail.any() else 1.0
-    return Evidence(
+    return Measurements(
         held_out_db=cv2.PSNR(displaced(b, ahead), a),
         explained=explained,
         moved_px=_moved_px(detail, ahead, confirmed),
@@ -198,7 +198,7 @@ def _unsteady(
     )
 
 
-def _triple(before: Grey, middle: Grey, after: Grey) -> Evidence:
+def _triple(before: Grey, middle: Grey, after: Grey) -> Measurements:
     """PSNR of the middle view predicted from the others, and the share of its detail that one
     disparity explains.
     """
@@ -212,14 +212,14 @@ def _triple(before: Grey, middle: Grey, after: Grey) -> Evidence:
     held_out = cv2.PSNR(predicted[inner], middle[inner].astype(np.float32))
     detail = textured(middle)
     if not detail.any():
-        return Evidence(held_out_db=held_out, explained=1.0, moved_px=moved_px)
+        return Measurements(held_out_db=held_out, explained=1.0, moved_px=moved_px)
     to_before, to_after = (flow(middle, other)[detail] for other in (before, after))
     y, x = np.nonzero(detail)
     along, beside = (to_after[:, k] for k in ((0, 1) if sideways else (1, 0)))
     off = np.hypot(*(_unsteady(x, y, (to_before + to_after)[:, k]) for k in (0, 1)))
     loose = _LOOSE_PX + _LOOSE_SHARE * np.abs(along)
     explained = float(((off < loose) & (np.abs(_unsteady(x, y, beside)) < loose)).mean())
-    return Evidence(held_out_db=held_out, explained=explained, moved_px=moved_px)
+    return Measurements(held_out_db=held_out, explained=explained, moved_px=moved_px)
 
 
 def _refocused(views: list[Grey]) -> float:
@@ -249,9 +249,9 @@ def _refocused(views: list[Grey]) -> float:
 
 
 def _is_circle(line: list[Grey]) -> str:
-    """How a line of views is a circle, "" if it is none: its last view is a neighbour of the first
-    one, and what moves to the second view comes from there while the middle view shows the other
-    side, or the camera's path goes round.
+    """Why a line of views is a circle, "" if it is none: the last view is a neighbour of the first
+    one, and either the middle view shows the other side of the scene or the camera's path is
+    closed.
     """
     first, second, middle, last = (line[k] for k in (0, 1, len(line) // 2, -1))
     detail = textured(first)
@@ -299,8 +299,8 @@ def _goes_round(line: list[Grey]) -> bool:
     return bool(winds and distance.min() > _ROUNDNESS * distance.max())
 
 
-def gather_evidence(source: SceneSource) -> Evidence | None:
-    """Evidence from a few small views; None if there are too few, or they are too small."""
+def measure_views(source: SceneSource) -> Measurements | None:
+    """Measurements from a few small views; None if there are too few, or they are too small."""
     if min(source.height_px, source.width_px) < _SMALLEST_PX:
         return None
     grey: Callable[[int, int], Grey] = grey_views(source)
@@ -313,7 +313,7 @@ def gather_evidence(source: SceneSource) -> Evidence | None:
         ]
         if not pairs:
             return None
-        return Evidence.median(
+        return Measurements.median(
             pairs,
             moved_px=max(pair.moved_px for pair in pairs),
             missed_motion=pairs[0].missed_motion if len(pairs) == 1 else None,
@@ -341,31 +341,31 @@ def gather_evidence(source: SceneSource) -> Evidence | None:
     if moved_px < _STILL_PX:  # between neighbours: perhaps more from one end to the other
         ends = [(grey(*line[0]), grey(*line[-1])) for line in lines]
         moved_px = max(_moved_px(textured(a), *returned_flow(a, b)) for a, b in ends)
-    return Evidence.median(triples, change=change, moved_px=moved_px)
+    return Measurements.median(triples, change=change, moved_px=moved_px)
 
 
-def plausible(source: SceneSource, force: bool) -> tuple[SceneSource, Evidence | None]:
-    """The source with what a few views say of it, and their evidence. Pictures between which
-    nothing moves become one view. If it is no light field, raises UserError, or with `force` adds a
-    doubt; what its format proves to be one is not refused.
+def plausible(source: SceneSource, force: bool) -> tuple[SceneSource, Measurements | None]:
+    """The source, checked by measurements of a few views, and the measurements. Pictures between
+    which nothing moves become one view. Raises UserError for what is no light field; `force`, or a
+    format that defines a light field, only notes it.
     """
-    evidence = (
-        gather_evidence(source) if not source.certain or source.rows * source.cols == 2 else None
+    measured = (
+        measure_views(source) if not source.certain or source.rows * source.cols == 2 else None
     )
-    if evidence is None:
+    if measured is None:
         return source, None
     log.info(
         "%s: quality when predicting views from their neighbours %.1f dB; one disparity explains"
         " the motion of %.0f%% of the detail; motion up to %.1f px",
         source.path,
-        evidence.held_out_db,
-        100 * evidence.explained,
-        evidence.moved_px,
+        measured.held_out_db,
+        100 * measured.explained,
+        measured.moved_px,
     )
-    verdict = evidence.verdict
-    refused = verdict.kind is SceneKind.NOT_A_LIGHT_FIELD
-    if verdict.kind is SceneKind.LIGHT_FIELD or (refused and source.certain):
-        return source, evidence
+    found = measured.classification
+    refused = found.kind is SceneKind.NOT_A_LIGHT_FIELD
+    if found.kind is SceneKind.LIGHT_FIELD or (refused and source.certain):
+        return source, measured
     if refused and not force:
         grid = f"{source.rows}x{source.cols} views of layout {source.layout}"
         anyway = "open it all the same with --set scene.force=true"
@@ -373,12 +373,12 @@ def plausible(source: SceneSource, force: bool) -> tuple[SceneSource, Evidence |
             anyway = (
                 f"give the folder of one scene, or one of the pictures: {source.files[0]}; {anyway}"
             )
-        raise UserError(f"{source.path}: {verdict.reason} (read as {grid})", anyway)
-    if verdict.kind is SceneKind.ONE_VIEW:
+        raise UserError(f"{source.path}: {found.reason} (read as {grid})", anyway)
+    if found.kind is SceneKind.ONE_VIEW:
         source = _as_one(source)
     return attrs.evolve(
-        source, doubt="; ".join(filter(None, (source.doubt, verdict.reason)))
-    ), evidence
+        source, doubt="; ".join(filter(None, (source.doubt, found.reason)))
+    ), measured
 
 
 def _as_one(source: SceneSource) -> SceneSource:

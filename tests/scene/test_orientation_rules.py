@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from lfpipe import config
 from lfpipe.scene.lightfield import OrderSource
-from lfpipe.scene.orientation import ALIKE, Axis, Orientation, examine_axis, orient, same_way
+from lfpipe.scene.orientation import ALIKE, Axis, Orientation, measure_axis, orient, same_way
 from lfpipe.scene.source import GridTransform, SceneSource
 from tests.scene import made
 from tests.scene.made import TURNS, turned
@@ -93,15 +93,15 @@ def test_a_flat_wall_moves_as_one_and_by_as_much_along_both_axes(
 def test_an_axis_is_measured_by_what_moves(sideways: bool, px: float) -> None:
     grid = made.views(1, 7, 96, 128, px, px)[0, ..., 1]
     views = grid if sideways else grid.swapaxes(1, 2)
-    found = examine_axis(lambda k: views[k], len(views))
+    found = measure_axis(lambda k: views[k], len(views))
     assert found is not None and found.sideways is sideways
     assert found.along_px == pytest.approx(
         abs(px), rel=0.2, abs=0.1
     ) and found.across_px < 0.1 + 0.1 * abs(px)
     assert np.median(found.disparity[found.reliable]) == pytest.approx(px, rel=0.1)
     assert (
-        examine_axis(lambda k: views[k], 1) is None
-        and examine_axis(lambda k: views[k], 2) is not None
+        measure_axis(lambda k: views[k], 1) is None
+        and measure_axis(lambda k: views[k], 2) is not None
     )
 
 
@@ -176,7 +176,7 @@ ORDERS: dict[str, tuple[SceneSource, dict[str, Any], dict[str, Any], str]] = {
             source(made.wall(5, 5, 96, 128, 4)[::step, ::step]),
             {},
             {"turn": GridTransform(), "depth_order_sure": False},
-            "near and far",
+            "depth order",
         )
         for way, step in (("as it is", 1), ("half-turned", -1))
     },

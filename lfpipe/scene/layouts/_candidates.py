@@ -20,7 +20,7 @@ class Candidate(Generic[T]):
     what: str  # for people
     score: float  # the higher, the likelier; comparable within one question
     value: T
-    evidence: Mapping[str, float] = attrs.field(factory=dict)  # what the score was made of, by name
+    measures: Mapping[str, float] = attrs.field(factory=dict)  # what the score was made of, by name
 
 
 def ranked(question: str, candidates: Sequence[Candidate[T]]) -> list[Candidate[T]]:
@@ -29,7 +29,7 @@ def ranked(question: str, candidates: Sequence[Candidate[T]]) -> list[Candidate[
     if order:
         rows = [
             f"  {candidate.score:8.3f}  {candidate.what}"
-            + "".join(f", {name} {value:.3g}" for name, value in candidate.evidence.items())
+            + "".join(f", {name} {value:.3g}" for name, value in candidate.measures.items())
             for candidate in order[:_SHOWN]
         ]
         log.info("%s, best of %d first:\n%s", question, len(order), "\n".join(rows))

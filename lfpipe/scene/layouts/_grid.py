@@ -236,13 +236,13 @@ def _laid_out(
     names = {col: name for (_, col), name in numbered.views.items()}
     read = cache(lambda position: small_grey(listing.file(names[position]), _SMALL_PX))
     sizes = Counter(listing.file(name).stat().st_size for name in names.values())
-    suspects = [
+    possible_copies = [
         position
         for position in sorted(names)
         if len(names) <= MAX_PICTURES or sizes[listing.file(names[position]).stat().st_size] > 1
     ]
     present = [position in names for position in range(numbered.cols)]
-    run, places, again = lay_out(read, present, grid, suspects)
+    run, places, again = lay_out(read, present, grid, possible_copies)
     if run is None:
         raise misfit(str(listing.path), len(places), grid)
     views = {run.index(place): names[position] for position, place in places.items()}
@@ -353,12 +353,14 @@ def _views_source(
     )
 
 
-def coordinate_turn(stood: NDArray[np.float64]) -> GridTransform | None:
+def coordinate_turn(camera_positions: NDArray[np.float64]) -> GridTransform | None:
     """From coordinates (rows, cols, 2) as (down, right) in file order, NaN where unknown: the turn
     to canonical order, or None if they do not determine it. Along each index axis the mean step of
     the coordinate that moves most decides.
     """
-    by_row, by_col = (np.ma.masked_invalid(stood).mean(axis=axis).filled(np.nan) for axis in (1, 0))
+    by_row, by_col = (
+        np.ma.masked_invalid(camera_positions).mean(axis=axis).filled(np.nan) for axis in (1, 0)
+    )
     down_by_row, right_by_row = by_row[-1] - by_row[0]
     down_by_col, right_by_col = by_col[-1] - by_col[0]
     straight, crossed = abs(down_by_row) + abs(right_by_col), abs(right_by_row) + abs(down_by_col)

@@ -222,14 +222,14 @@ def lay_out(
     read: Callable[[int], NDArray[np.uint8]],
     present: Sequence[bool],
     grid: ViewIndex | None,
-    suspects: Sequence[int],
+    possible_copies: Sequence[int],
 ) -> tuple[Running | None, dict[int, int], dict[int, int]]:
     """(how the views of a run fill a grid, as `find_columns`; the new position of each view; by
     position, the earlier one of which it is a copy). A copy is no view: it stands in the place of
-    another one, or between others. suspects: positions that may be copies.
+    another one, or between others. possible_copies: positions that may be copies.
     """
     kept = [position for position, there in enumerate(present) if there]
-    again = copies(read, suspects)
+    again = copies(read, possible_copies)
     if not again:
         return find_columns(read, present, grid), {at: at for at in kept}, again
     kept = [position for position in kept if position not in again]

@@ -264,7 +264,7 @@ def _candidate(why: str, tiling: Tiling, prior: float, unlike: float = 0.0) -> C
         what=f"{tiling.shape[0]}x{tiling.shape[1]}, by {why}",
         score=prior + 1 - unlike,
         value=tiling,
-        evidence={"neighbours unlike": unlike},
+        measures={"neighbours unlike": unlike},
     )
 
 

@@ -45,7 +45,7 @@ from lfpipe.scene.layouts._tiles import (
 )
 from lfpipe.scene.layouts.stereo import are_a_pair
 from lfpipe.scene.optical_flow import returned_flow, textured
-from lfpipe.scene.plausibility import gather_evidence
+from lfpipe.scene.plausibility import measure_views
 from lfpipe.scene.source import GridTransform, Layout, SceneSource
 from lfpipe.scene.video import USUAL_RATE_HZ, Video
 
@@ -180,8 +180,8 @@ def _describe_animation(listing: Listing, scene: config.Scene) -> SceneSource:
         notes=tuple(notes),
     )
     unsteady = is_video and run.rows == 1 and scene.layout == "auto" and not grid
-    evidence = gather_evidence(source) if unsteady else None
-    if unsteady and not (evidence and evidence.change):
+    measured = measure_views(source) if unsteady else None
+    if unsteady and not (measured and measured.change):
         raise UserError(
             f"{path}: no tiles were recognised in {width}x{height} px, and its frames form no grid",
             f"if the camera slid sideways, make views with `lfpipe scene make {path}`; else give"

@@ -1,7 +1,7 @@
-"""What the measurements of a scene mean: the two verdicts, and all of their thresholds.
+"""Classifies a scene by its measurements; all thresholds are here.
 
-Before packing, a few small views (`plausibility`) say whether the pictures are a light field. After
-it, held-out views of the pack (`render.scoring`) say which method makes its views.
+Before packing, a few small views (`plausibility`) show whether the pictures are a light field.
+Afterwards, held-out views of the pack (`render.synthesis.scoring`) select the rendering method.
 """
 
 import enum
@@ -41,7 +41,7 @@ class SceneKind(enum.Enum):
 
 
 @attrs.frozen
-class Verdict:
+class Classification:
     """What the pictures of a scene are, and why."""
 
     kind: SceneKind
@@ -49,8 +49,8 @@ class Verdict:
 
 
 @attrs.frozen(kw_only=True)
-class Evidence:
-    """What a few small views of a scene show."""
+class Measurements:
+    """Measurements of a few small views of a scene."""
 
     held_out_db: float  # PSNR of views predicted from two neighbours, median
     explained: float  # share of textured pixels whose flow one disparity explains
@@ -61,7 +61,7 @@ class Evidence:
 
     @classmethod
     def median(cls, samples: Sequence[Self], **more: object) -> Self:
-        """What some samples say together."""
+        """The medians of some samples."""
         return cls(
             held_out_db=float(np.median([sample.held_out_db for sample in samples])),
             explained=float(np.median([sample.explained for sample in samples])),
@@ -70,36 +70,36 @@ class Evidence:
 
     @property
     def fine(self) -> bool:
-        """Whether other views need no examination."""
+        """Whether other views need no analysis."""
         return self.held_out_db >= FINE_DB and self.explained >= FINE_SHARE
 
     @property
-    def verdict(self) -> Verdict:
-        """What the pictures are by this evidence."""
+    def classification(self) -> Classification:
+        """What the pictures are by these measurements."""
         poor = self.held_out_db < POOR_DB
         unexplained = self.explained < UNEXPLAINED
         if self.change and not (poor and unexplained):
-            return Verdict(
+            return Classification(
                 SceneKind.NOT_A_LIGHT_FIELD,
                 f"the pictures do not fit together as a light field: {self.change}",
             )
         if self.missed_motion is None and (unexplained or (poor and self.explained < EXPLAINED)):
-            return Verdict(
+            return Classification(
                 SceneKind.NOT_A_LIGHT_FIELD,
                 "these are different pictures, not one scene from several places",
             )
         if self.moved_px < NOTHING_PX and self.held_out_db > POOR_DB:
-            return Verdict(
+            return Classification(
                 SceneKind.ONE_VIEW, "nothing moves between these pictures: one of them is shown"
             )
         if self.missed_motion is not None:
             share = max(map(abs, self.missed_motion))
-            return Verdict(
+            return Classification(
                 SceneKind.TOO_FAR_APART,
                 f"the views are too far apart ({share:.0%} of the width): no views are"
                 " made between them",
             )
-        return Verdict(SceneKind.LIGHT_FIELD)
+        return Classification(SceneKind.LIGHT_FIELD)
 
 
 def best_method(scores: Mapping[str, float], reach_px: float, has_disparity: bool) -> str:
