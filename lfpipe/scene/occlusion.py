@@ -12,7 +12,6 @@ UNMISTAKABLE, AGAINST = (
     16,
     10,
 )  # agreeing positions required, and how many of them one opposing position cancels
-OVERLAP_PX = 1.5  # a surface that lands on another is that much nearer
 # grey levels between two surfaces; between a surface and what is seen
 DIFFERENT, SAME, WRONG = 10, 3, 6
 # positions along the shorter side of a view, one vote each; its pixels must agree by this many
@@ -89,7 +88,8 @@ def _votes(
     known = reliable.ravel()
     meet = (
         (front >= 0)
-        & ((depth[front] - depth[back]) * abs(steps) > OVERLAP_PX)
+        # px: a surface that lands on another is that much nearer
+        & ((depth[front] - depth[back]) * abs(steps) > 1.5)
         & known[front]
         & known[back]
     )

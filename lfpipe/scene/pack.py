@@ -36,7 +36,6 @@ from lfpipe.scene.lightfield import VERSION, DisparitySource, LightField, Manife
 VIEWS, DISPARITY, MANIFEST = "views.npy", "disparity.npy", "manifest.json"
 INTERIM = "interim.npy"  # while the disparity is estimated
 FILES = (VIEWS, DISPARITY, MANIFEST, INTERIM)
-_MAX_BYTES = 16 << 20  # of a manifest: that of 20,000 views with their offsets has about 1 MB
 
 
 class DamagedPackError(UserError):
@@ -79,7 +78,8 @@ def read_manifest(folder: Path) -> Manifest:
     Raises DamagedPackError if it is missing, changed or of another version.
     """
     with _reading(folder):
-        manifest = json_fields(read_bytes(folder / MANIFEST, _MAX_BYTES), MANIFEST, "").values
+        # the manifest of 20,000 views with their offsets has about 1 MB
+        manifest = json_fields(read_bytes(folder / MANIFEST, 16 << 20), MANIFEST, "").values
         if manifest.get("version") != VERSION:
             raise ValueError(f"it has another version; this lfpipe reads version {VERSION}")
         if manifest.get("checksum") != _checksum(manifest):

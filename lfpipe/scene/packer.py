@@ -43,7 +43,6 @@ from lfpipe.scene.packing import Score, pack_scene
 from lfpipe.scene.recent_scenes import remember_scene
 from lfpipe.scene.source import SceneSource
 
-NICE = 15  # below everything that draws
 PREVIEW_PX = (320, 240)  # at most
 PREVIEW_BYTES = 45_000  # a control message has room for this
 # the first that fits: lossless, for people's pictures, and for noise
@@ -53,7 +52,6 @@ PREVIEW_FORMATS: tuple[tuple[str, tuple[int, ...]], ...] = (
     (".jpg", (cv2.IMWRITE_JPEG_QUALITY, 25)),
 )
 MEMORY_BYTES = 1 << 30  # mapped files do not count
-MAX_ENTRIES = 1000  # entries of a folder to examine
 
 
 class _LogOfParent(logging.Handler):
@@ -82,7 +80,7 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
 
     def views_ready(pack: Path) -> None:
         with contextlib.suppress(OSError):
-            os.nice(NICE)  # from now on it works beside the session that shows the pack
+            os.nice(15)  # from now on it works beside the session that shows the pack
         report(summary=attrs.asdict(summarize(open_pack(pack, settings.invert_depth))))
 
     if asked.do == "previews":
@@ -127,7 +125,7 @@ def playlist(paths: Iterable[Path], settings: Scene) -> list[Path]:
         own = _light_field_at(path, settings)
         if is_dir(path) and (own is None or len(own.files) == 1):
             with contextlib.suppress(OSError):
-                inside = sorted(path.iterdir())[:MAX_ENTRIES]
+                inside = sorted(path.iterdir())[:1000]
         sources = {
             entry: _light_field_at(entry, settings)
             for entry in inside

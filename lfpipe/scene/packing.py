@@ -69,12 +69,10 @@ from lfpipe.scene.source import Progress
 T = TypeVar("T")
 # PSNR in dB of held-out views of a packed light field by method
 Score = Callable[[LightField], dict[str, float]]
-FIRST_VIEWS = 5  # the middle and its neighbours: a viewer begins in the middle of the grid
 _ROOM_BYTES = 200_000_000  # for views that are worked on at the same time
 _INTERIM_PX = 1 / 64  # step of the interim int16 maps, until the range of the whole scene is known
 _UNKNOWN = -32768  # in the interim maps: UNKNOWN
 _NO_LIMIT_PX = 400.0  # larger values in a map are impossible between neighbours
-_WORKING_BYTES = 100  # memory per px of a view while its disparity is estimated
 
 
 def pack_scene(
@@ -204,7 +202,8 @@ def _write_views(
 
     views = sorted(scene.views, key=away)
     written = np.zeros_like(scene.present)
-    first = min(len(views), FIRST_VIEWS) if scene.source.frames == 1 else len(views)
+    # the middle and its neighbours: a viewer begins in the middle of the grid
+    first = min(len(views), 5) if scene.source.frames == 1 else len(views)
     item_bytes = 6 * scene.source.height_px * scene.source.width_px
     with cache.writing(folder.parents[1]):
         cache.clear(folder)  # a killed packer's
@@ -345,7 +344,7 @@ def _estimate(
     run_parallel(
         estimate,
         scene.views,
-        _WORKING_BYTES * source.height_px * source.width_px,
+        100 * source.height_px * source.width_px,  # bytes per px while it is estimated
         lambda done: progress("disparity", done, len(scene.views)),
     )
     spans = np.array(list(ranges.values()))

@@ -35,14 +35,10 @@ _OFF_PX = 0.5  # from a common motion: what is off by more is near, and counts l
 _REFOCUSED = 4.0  # ratio of the sharpest to the least sharp picture of a block, in a focal stack
 _ROUND = 1.3  # ratio of motion left in the two directions: below it, there is no direction
 _REACH, _FEWEST_POINTS = 8, 100  # views from the middle; pixels to fit motion to
-_BLOCKS = 8  # along the shorter side
 # views; pixels that move between them; share of these seen half-way round
 _SHORTEST_CIRCLE, _FEWEST_PX, _STAYS = 8, 200, 0.5
 _CLOSING = 2.0  # step from the last view to the first over that from the first to the second
-_AROUND, _ROUNDNESS = 12, 0.3  # views of a circle to examine; least over most of its radius
-_NEARLY_ALL = 97  # percentile of the motion that counts
-# blocks that are looked for in the other view of a pair, along the width and the height
-_BLOCK_ROWS, _BLOCK_COLS = 6, 8
+_ROUNDNESS = 0.3  # shortest over longest radius of a circle
 # correlation of a block that was found, and its lead on the second best place
 _FOUND, _LEADS = 0.75, 0.08
 _FEWEST_BLOCKS, _MISSED = 6, 0.4  # found blocks; share of them that the flow misses
@@ -130,7 +126,7 @@ def _moved_px(detail: Mask, ahead: FloatMap, confirmed: Mask) -> float:
     sure = confirmed & detail
     if np.count_nonzero(sure) < max(_FEWEST_POINTS, 0.5 * np.count_nonzero(detail)):
         return np.inf
-    return float(np.percentile(np.hypot(*ahead[sure].T), _NEARLY_ALL))
+    return float(np.percentile(np.hypot(*ahead[sure].T), 97))
 
 
 def _found(a: Grey, b: Grey, y: int, x: int, side: int) -> tuple[int, int] | None:
@@ -155,8 +151,8 @@ def _blocks(a: Grey, b: Grey, ahead: FloatMap) -> tuple[float, float] | None:
     height, width = a.shape
     side = min(height, width) // 7
     moves, missed = [], []
-    for y in np.linspace(side // 2, height - side - side // 2, _BLOCK_ROWS).astype(int).tolist():
-        for x in np.linspace(0, width - side, _BLOCK_COLS).astype(int).tolist():
+    for y in np.linspace(side // 2, height - side - side // 2, 6).astype(int).tolist():
+        for x in np.linspace(0, width - side, 8).astype(int).tolist():
             there = _found(a, b, y, x, side) if a[y : y + side, x : x + side].std() > 8 else None
             back = there and _found(b, a, *there, side)
             if not there or not back or max(abs(back[0] - y), abs(back[1] - x)) > 2:
@@ -226,7 +222,7 @@ def _refocused(views: list[Grey]) -> float:
     """Median over textured blocks of the sharpest over the least sharp picture; 1 if all blocks are
     sharpest in the same one.
     """
-    side = max(8, min(views[0].shape) // _BLOCKS)
+    side = max(8, min(views[0].shape) // 8)
     sharp = []
     for view in views:
         detail = np.square(cv2.Laplacian(view, cv2.CV_32F, ksize=3))
@@ -277,7 +273,7 @@ def _goes_round(line: list[Grey]) -> bool:
     """Whether the camera's path goes once round its middle: all that is still moves by one path,
     the nearer the more, so that is the first principal motion.
     """
-    chosen = sorted({round(at) for at in np.linspace(1, len(line) - 1, _AROUND)})
+    chosen = sorted({round(at) for at in np.linspace(1, len(line) - 1, 12)})
     use = textured(line[0])
     flows = []
     for k in chosen:

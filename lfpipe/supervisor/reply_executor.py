@@ -21,7 +21,6 @@ from lfpipe.transport.clock import now_ns
 from lfpipe.transport.control import BadMessage, Message
 
 logger = logging.getLogger(__name__)
-MAX_ERROR_CHARS = 2000  # of an answer: parts of the text came from outside
 INTERNAL = {
     "ok": False,
     "error": "internal error",
@@ -77,7 +76,8 @@ class ReplyExecutor:
         if isinstance(error, UserError):
             answer = {"ok": False, "error": error.message, "remedy": error.remedy}
         elif isinstance(error, BadMessage):
-            answer = {"ok": False, "error": plain(str(error), MAX_ERROR_CHARS)}
+            # parts of the text came from outside
+            answer = {"ok": False, "error": plain(str(error), 2000)}
         else:
             stack = "".join(traceback.format_exception(error))
             self._notify(f"internal error while handling a message; the session continues\n{stack}")

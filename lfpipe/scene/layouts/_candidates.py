@@ -10,7 +10,6 @@ import attrs
 
 log = logging.getLogger(__name__)
 T = TypeVar("T")
-_SHOWN = 6  # of the best
 
 
 @attrs.frozen(kw_only=True)
@@ -30,7 +29,7 @@ def ranked(question: str, candidates: Sequence[Candidate[T]]) -> list[Candidate[
         rows = [
             f"  {candidate.score:8.3f}  {candidate.what}"
             + "".join(f", {name} {value:.3g}" for name, value in candidate.measures.items())
-            for candidate in order[:_SHOWN]
+            for candidate in order[:6]
         ]
         log.info("%s, best of %d first:\n%s", question, len(order), "\n".join(rows))
     return order

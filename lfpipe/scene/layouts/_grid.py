@@ -22,7 +22,6 @@ from lfpipe.scene.source import GridTransform, SceneSource, ViewIndex
 
 LOSSY = (".jpg", ".jpeg", ".webp", ".avif", ".gif")
 MIN_VIEW_PX = 12  # side of a view: a smaller one shows nothing
-_MADE_SHARE = 0.25  # of a grid that may be missing: those views are made from their neighbours
 _SMALL_PX = 96 * 128  # of pictures that the columns of a running number follow from
 
 
@@ -322,7 +321,8 @@ def _views_source(
         raise UserError(f"{listing.path}: {first} and {second} are the same view{others}", remedy)
     require_grid(rows, cols, str(listing.path))
     holes = [place for place in np.ndindex(rows, cols) if place not in views]
-    if len(holes) > _MADE_SHARE * rows * cols:
+    # the packer makes missing views from their neighbours
+    if len(holes) > 0.25 * rows * cols:
         raise UserError(
             f"{listing.path}: the names span {rows}x{cols} views, {len(views)} files are there",
             "give a folder with a whole row or a whole grid of one scene",

@@ -43,7 +43,6 @@ from lfpipe.scene.source import GridTransform, Layout, SceneSource
 VIEWS, DISPARITY, POSITIONS = "views", "disparity", "positions"
 AXES = "(rows, cols, height, width, 1 or 3), or (frames, rows, cols, height, width, 1 or 3)"
 _KEYS = ("LF", "lf", "LightField", "lightfield")
-_PLANES = (1, 3, 4, 5)  # grey, colour, and colour with weights behind it
 # of what files say of cameras, in mm or px: beyond, and where it is NaN, it is not known
 LARGEST = 1e9
 
@@ -290,7 +289,8 @@ def axis_order(shape: tuple[int, ...], reversible: bool = True) -> tuple[int, ..
         rows, cols, height, width, planes = (sizes[axis] for axis in order)
         ratio = height * width / (rows * cols)
         large = min(height, width) >= MIN_VIEW_PX and ratio >= 1
-        if planes in _PLANES and large and (best is None or ratio > best[0]):
+        # planes: grey, colour, or colour with weights
+        if planes in (1, 3, 4, 5) and large and (best is None or ratio > best[0]):
             best = ratio, axes
     return best and best[1]
 

@@ -18,11 +18,8 @@ from lfpipe.scene.layouts._tiles import dip, require_picture, single_picture
 from lfpipe.scene.source import GridTransform, SceneSource, ViewIndex
 
 NAME = "eslf"
-_USUAL = 14  # pitch of a Lytro Illum
 _PITCHES = range(5, 25)  # px: Lytro's lenslets have 10 to 15
 _GLANCE_PX = 1024  # of the middle
-# of the examined crop, of a lenslet; over the median around it
-_CROP_PX = 512
 _PITCH_PX = (5, 30)
 _PEAK = 300.0
 # of the highest peak, at 60 degrees from it: honeycombs have .5 to .7, mosaics up to .08
@@ -55,7 +52,7 @@ def is_honeycomb(picture: NDArray[Any]) -> bool:
     """Whether a picture is a raw honeycomb of lenslets: its spectrum has peaks at equal distance,
     60 degrees apart.
     """
-    size = min(_CROP_PX, *picture.shape[:2])
+    size = min(512, *picture.shape[:2])
     if size < _SMALLEST_PX:
         return False
     crop = _middle(picture, size)
@@ -142,7 +139,7 @@ def detect(listing: Listing) -> int | None:
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     path = require_picture(listing)
     picture, full = read_picture(path)
-    pitch = lenslet_pitch(picture) or _USUAL
+    pitch = lenslet_pitch(picture) or 14  # a Lytro Illum's
     rows, cols = parse_grid(scene.grid) or (pitch, pitch)
     below, beside = -picture.shape[0] % rows, -picture.shape[1] % cols
     if below or beside:  # LFToolbox fills up at the end

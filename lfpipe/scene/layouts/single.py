@@ -57,7 +57,6 @@ _DOWN_SHARE = 0.15  # of the motion across: a pair of eyes looks from one height
 _ANAGLYPH = re.compile(r"anaglyph|(?<![a-z])(red|rot|rouge|rosso)[-_ ]?(cyan|blue|blau|bleu|blu)")
 _SMALL_PX = 128  # side of frames that are compared
 _STILLS = ("JPEG", "TIFF", "HEIF")  # of which several in one file are no animation
-_SAME = 2.0  # grey levels between frames of one view: dithering
 
 
 def _is_anaglyph(picture: NDArray[Any], name: str) -> bool:
@@ -115,7 +114,8 @@ def _one_way(frames: list[NDArray[Any]]) -> list[NDArray[Any]]:
     """The frames before the sequence reverses; all of them if it does not."""
 
     def same(a: int, b: int) -> bool:
-        return float(cv2.norm(frames[a], frames[b], cv2.NORM_L1)) < _SAME * frames[a].size
+        # dithering differs by a level or two
+        return float(cv2.norm(frames[a], frames[b], cv2.NORM_L1)) < 2.0 * frames[a].size
 
     count = len(frames)
     for last, back in ((count // 2, count), (count // 2 - 1, count - 1)):

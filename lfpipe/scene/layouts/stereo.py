@@ -28,10 +28,8 @@ from lfpipe.scene.source import GridTransform, SceneSource
 NAME = "stereo"
 # Middlebury's pairs, the left one first
 _NUMBERED = {"im2": "im6", "im0": "im1", "view1": "view5", "img_left": "img_right"}
-_MAX_NUMBERED = 4  # pictures in such a folder; more are all views of such a set
 # folders of two cameras that recorded side by side
 _CAMERAS = re.compile(r"(image|img|cam|camera|eye|sensor)s?[-_ ]?\d{1,2}(/.*)?")
-_RECORDED = 3  # pictures of each of them, at least: fewer are rows of a small grid
 _BESIDE = re.compile(
     r"(?<![a-z])(h?sbs|half[-_ ]?sbs|side[-_ ]?by[-_ ]?side|parallel|lr"
     r"|(left|right)[-_ ]?(right|left))(?![a-z])"
@@ -66,7 +64,8 @@ def _pairs(listing: Listing) -> list[tuple[str, str]]:
             re.fullmatch(left.rstrip("0123456789") + r"\d{1,4}", stem) is not None
             for stem in by_stem
         )
-        if left in by_stem and right in by_stem and numbered <= _MAX_NUMBERED:
+        # more are all views of such a set
+        if left in by_stem and right in by_stem and numbered <= 4:
             return [(by_stem[left], by_stem[right])]
     if recorded := _recorded(listing):
         return recorded
@@ -94,7 +93,8 @@ def _recorded(listing: Listing) -> list[tuple[str, str]]:
     ]
     pairs = [pair for pair in pairs if pair[1] in names]
     return (
-        pairs if len(pairs) >= _RECORDED and _differ_sideways(*map(listing.file, pairs[0])) else []
+        # fewer are rows of a small grid
+        pairs if len(pairs) >= 3 and _differ_sideways(*map(listing.file, pairs[0])) else []
     )
 
 
