@@ -32,12 +32,9 @@ _SAME_PICTURE = 0.98  # correlation of two files of one picture
 _LOOK_PX = 32  # side of pictures that are compared
 _FROM_THE_TOP = "whether its first view is the top left tile: a quilt begins at the bottom left"
 MAX_TILES = 64  # along one side
-_SMALLEST_TILE_PX = 24  # less shows nothing
 _GLANCE_PX = 1024  # longer side of the reduced picture in which tiles are detected
 # limits of `_unlike` for neighbouring tiles; above the last, there are none
 _TWO_AXES, _ONE_AXIS, _PLAIN = 0.5, 0.2, 0.8
-# of scores, to which the likeness of neighbours adds at most 1: each kind beats the next
-_BY_LINES, _BY_DISPLAY, _BY_NAME, _BY_TWO_AXES = 4.0, 3.0, 2.0, 1.0
 # grey levels from the colour of lines (JPEG blurs them), and share of a line
 _LINE_LEVELS = (4, 16, 48)
 _LINE_SHARE = 0.98
@@ -135,9 +132,7 @@ def _period(unlike: dict[int, float], full_px: int) -> tuple[int, float]:
     """The number of tiles whose neighbours are most alike, and their difference; (1, 1.0) if no
     number divides.
     """
-    fits = {
-        n: u for n, u in unlike.items() if full_px % n == 0 and full_px // n >= _SMALLEST_TILE_PX
-    }
+    fits = {n: u for n, u in unlike.items() if full_px % n == 0 and full_px // n >= MIN_VIEW_PX}
     best = min(fits, key=lambda n: fits[n], default=1)
     return best, fits.get(best, 1.0)
 
@@ -172,11 +167,7 @@ def _runs(plain: NDArray[np.bool_]) -> list[tuple[int, int]]:
 def _even(runs: list[tuple[int, int]], whole_px: int) -> bool:
     """Whether runs have one size and lines between them another, smaller one."""
     sizes, gaps = [last - first for first, last in runs], [b[0] - a[1] for a, b in pairwise(runs)]
-    if (
-        len(runs) > MAX_TILES
-        or min(sizes) < _SMALLEST_TILE_PX
-        or max(sizes) - min(sizes) > _SOFT_PX
-    ):
+    if len(runs) > MAX_TILES or min(sizes) < MIN_VIEW_PX or max(sizes) - min(sizes) > _SOFT_PX:
         return False
     around = runs[0][0] + whole_px - runs[-1][1]
     # of tiles with a plain background: they belong to the tiles
@@ -208,26 +199,24 @@ def find_tiles(picture: NDArray[Any], name: str = "") -> Tiling | None:
 
     name: of the file or folder; a grid named in it (9x9) is used unless the picture contradicts it.
     """
+    lined = _by_lines(picture)
+    if lined is not None:
+        return lined
     height, width = picture.shape[:2]
+    if (width, height) in UNEVEN:
+        cols, rows = UNEVEN[width, height]
+        tiles = find_tiles(picture[: height - height % rows, : width - width % cols], name)
+        if tiles is not None and tiles.shape == (rows, cols):
+            return tiles
     order = ranked(f"the tiles of {width}x{height} px", list(_candidates(picture, name)))
     return order[0].value if order else None
 
 
 def _candidates(picture: NDArray[Any], name: str) -> Iterator[Candidate[Tiling]]:
-    """What lines, the usual size of a display, a grid in the name and the likeness of neighbouring
-    tiles speak for; no more once nothing can be better.
+    """A grid in the name, and grids whose neighbouring tiles are alike: the name ranks first, then
+    likeness along both axes, then along one.
     """
     height, width = picture.shape[:2]
-    lined = _by_lines(picture)
-    if lined is not None:
-        yield _candidate("lines between them", lined, _BY_LINES)
-        return
-    if (width, height) in UNEVEN:
-        cols, rows = UNEVEN[width, height]
-        tiles = find_tiles(picture[: height - height % rows, : width - width % cols], name)
-        if tiles is not None and tiles.shape == (rows, cols):
-            yield _candidate("the size of a display", tiles, _BY_DISPLAY)
-            return
     small = reduced(picture, _GLANCE_PX)  # of a single plane it would be a copy
     plane = (small if small.ndim == 2 else small[..., 1]).astype(np.float32)
     down, across = _unlike(plane, 0), _unlike(plane, 1)
@@ -235,7 +224,7 @@ def _candidates(picture: NDArray[Any], name: str) -> Iterator[Candidate[Tiling]]
         rows, cols = int(named[1]), int(named[2])
         unlike = max(down.get(rows, 0), across.get(cols, 0))
         if rows * cols > 1 and not (height % rows or width % cols) and unlike < _PLAIN:
-            yield _candidate("the name", Tiling.even(picture, rows, cols), _BY_NAME, unlike)
+            yield _candidate("the name", Tiling.even(picture, rows, cols), 2, unlike)
     (rows, row_unlike), (cols, col_unlike) = _period(down, height), _period(across, width)
     unlike = max(row_unlike, col_unlike)
     grid = Tiling.even(picture, rows, cols)
@@ -245,24 +234,24 @@ def _candidates(picture: NDArray[Any], name: str) -> Iterator[Candidate[Tiling]]
     elif row_unlike < _ONE_AXIS and rows > 2:
         strip = Tiling.even(picture, rows, 1)
     if unlike < _TWO_AXES:
-        yield _candidate("likeness along both axes", grid, _BY_TWO_AXES, unlike)
+        yield _candidate("likeness along both axes", grid, 1, unlike)
     elif strip is not None:
-        yield _candidate("likeness along one axis", strip, 0.0, min(row_unlike, col_unlike))
+        yield _candidate("likeness along one axis", strip, 0, min(row_unlike, col_unlike))
         if unlike <= _PLAIN:
             either = f"{rows}x{cols}, or {strip.shape[0]}x{strip.shape[1]}"
             yield _candidate(
                 "likeness along both axes",
                 attrs.evolve(grid, doubt=f"the tiles: {either} (--set scene.grid=ROWSxCOLS)"),
-                _BY_TWO_AXES,
+                1,
                 unlike,
             )
 
 
-def _candidate(why: str, tiling: Tiling, prior: float, unlike: float = 0.0) -> Candidate[Tiling]:
-    """unlike: how much neighbouring tiles differ, as `dip`."""
+def _candidate(why: str, tiling: Tiling, rank: int, unlike: float) -> Candidate[Tiling]:
+    """unlike: how much neighbouring tiles differ, as `dip`, less than 1."""
     return Candidate(
         what=f"{tiling.shape[0]}x{tiling.shape[1]}, by {why}",
-        score=prior + 1 - unlike,
+        score=rank + 1 - unlike,
         value=tiling,
         measures={"neighbours unlike": unlike},
     )
