@@ -107,7 +107,7 @@ class Tiling:
         return picture[top : top + self.height_px, left : left + self.width_px]
 
 
-def dip(grey: NDArray[np.float32], axis: int, period: float, plain: float = 1e-3) -> float:
+def dip(grey: NDArray[np.float32], axis: int, period: float) -> float:
     """Mean square difference between a picture and itself at a shift of one period along an axis,
     relative to shifts of half a period more or less: 1 where these are plain. What repeats has a
     dip there; the difference of an ordinary picture only grows with the shift.
@@ -117,7 +117,7 @@ def dip(grey: NDArray[np.float32], axis: int, period: float, plain: float = 1e-3
         float(np.mean((along[n:] - along[:-n]) ** 2))
         for n in (round(period * by) for by in (1, 0.5, 1.5))
     )
-    return at / min(less, more) if min(less, more) > plain else 1.0
+    return at / min(less, more) if min(less, more) > 1e-3 else 1.0
 
 
 def _unlike(grey: NDArray[np.float32], axis: int) -> dict[int, float]:
