@@ -158,7 +158,7 @@ def manifest_of(scene: AnalysedScene, key: str = "") -> Manifest:
 
 
 class NotGreyError(Exception):
-    """A view has colour although the examined ones had none."""
+    """A view has colour although the analysed ones are grey."""
 
 
 def _view_writer(
@@ -189,9 +189,9 @@ def _view_writer(
 def _write_views(
     scene: AnalysedScene, folder: Path, can_be_shown: Callable[[], None], progress: Progress
 ) -> None:
-    """Writes the views of a new pack, those nearest to the middle of the grid first; places without
-    a view get a copy of the nearest one. The manifest, without which it is no pack, comes with the
-    first views, and then can_be_shown is called.
+    """Writes the views of a new pack, those nearest to the middle of the grid first; missing ones
+    get a copy of the nearest view. Writes the manifest after the first views and calls
+    can_be_shown.
     """
 
     def away(place: FrameIndex) -> float:

@@ -1,5 +1,5 @@
-"""One picture file per view: from the numbers in the names to a grid of views. A note names every
-file that is not used.
+"""One picture file per view: from the numbers in the names to a grid of views. A note names unused
+files.
 """
 
 import re
@@ -39,7 +39,7 @@ def parse_grid(text: str) -> ViewIndex | None:
 
 
 def require_grid(rows: int, cols: int, what: str) -> None:
-    """Raises UserError where no light field has such a grid. what: who says so."""
+    """Raises UserError if the grid is too large. what: where it is stated."""
     if not (1 <= rows <= MAX_SIDE and 1 <= cols <= MAX_SIDE and rows * cols <= MAX_FILES):
         raise UserError(
             f"{what}: the grid has {rows}x{cols} views; at most {MAX_SIDE} along a side and"
@@ -49,7 +49,7 @@ def require_grid(rows: int, cols: int, what: str) -> None:
 
 
 def require_view(height: int, width: int, sample_bytes: int, what: str) -> None:
-    """Raises UserError where no view is so large, or so small. what: who says so."""
+    """Raises UserError if views are too large or too small. what: where the size is stated."""
     if min(height, width) < MIN_VIEW_PX:
         raise UserError(
             f"{what}: views have {width}x{height} px; a side has at least {MIN_VIEW_PX}",
@@ -64,8 +64,8 @@ def require_view(height: int, width: int, sample_bytes: int, what: str) -> None:
 
 
 def true_max(values: list[int], full: int) -> int:
-    """The value that stands for full where 16-bit files may hold 10, 12 or 14 bits: by the largest
-    value of some views.
+    """The full-scale value of 16-bit files that may hold 10, 12 or 14 bits, by the largest value of
+    some views.
     """
     return (
         full
@@ -306,8 +306,8 @@ def _views_source(
     note: str = "",
     **more: Any,
 ) -> SceneSource:
-    """The scene of views by place; pictures that are not used are noted. Raises UserError where two
-    have one place, or many places no view.
+    """The scene of views by grid index, with a note of unused pictures. Raises UserError if two
+    views have one index, or too many indices no view.
     """
     rows, cols, views = numbered.rows, numbered.cols, numbered.views
     if numbered.clashes:
@@ -354,9 +354,9 @@ def _views_source(
 
 
 def coordinate_turn(camera_positions: NDArray[np.float64]) -> GridTransform | None:
-    """From coordinates (rows, cols, 2) as (down, right) in file order, NaN where unknown: the turn
-    to canonical order, or None if they do not determine it. Along each index axis the mean step of
-    the coordinate that moves most decides.
+    """The transform to canonical order from camera positions (rows, cols, 2), (down, right) in file
+    order, NaN where unknown; None if they do not determine it. Along each index axis, the
+    coordinate with the largest mean step decides.
     """
     by_row, by_col = (
         np.ma.masked_invalid(camera_positions).mean(axis=axis).filled(np.nan) for axis in (1, 0)

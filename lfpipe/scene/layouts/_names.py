@@ -44,20 +44,20 @@ _COPY = re.compile(r"(.*?)([-_ ]?\(|[-_ ])(\d{1,5})(\)?)", re.DOTALL)
 
 @attrs.frozen(kw_only=True)
 class NumberedNames:
-    """A family of names by what their numbers say."""
+    """A family of names, and what their numbers mean."""
 
     views: dict[ViewIndex, str]  # names by (row, column) from (0, 0), or by (0, position)
     rows: int
     cols: int
     runs: bool  # whether one number runs
-    clashes: tuple[tuple[str, str], ...] = ()  # pairs of names for one place
-    doubt: str = ""  # what the names leave open, "" for nothing
-    explained: int = 0  # how many names have a place, or another frame of it
-    share: float = 0.0  # of all places, those that have a name
+    clashes: tuple[tuple[str, str], ...] = ()  # pairs of names for one grid index
+    doubt: str = ""  # what the names leave ambiguous, "" for nothing
+    explained: int = 0  # number of names with a grid index, or with another frame of one
+    share: float = 0.0  # share of the grid that has names
 
 
 def side_of(stem: str) -> tuple[str, bool] | None:
-    """(the rest of a name, whether it is the left eye's) by its last word for a side; None without
+    """(the rest of a name, whether it is the left eye's), by the last word for a side; None without
     one.
     """
     words = list(SIDES.finditer(stem.lower().replace("_", " ")))
@@ -180,8 +180,8 @@ def _way(numbered: NumberedNames, order: float = 0.0, frames: int = 1) -> Candid
 
 
 def _ways(names: list[str], columns: list[_Column]) -> list[Candidate[NumberedNames]]:
-    """What the numbers of a family may count, the likeliest first; with a doubt where the second
-    is as likely.
+    """Interpretations of a family's numbers, the likeliest first; the first one says so if the
+    second one is as likely.
     """
     varying = [column for column in columns if len(column.values) > 1]
     keys = [column for column in varying if len(column.values) == len(names)]
@@ -216,7 +216,7 @@ def _ways(names: list[str], columns: list[_Column]) -> list[Candidate[NumberedNa
 
 
 def _grids(names: list[str], columns: list[_Column]) -> Iterator[Candidate[NumberedNames]]:
-    """The names by every two numbers that may count rows and columns."""
+    """Interpretations with two numbers as row and column."""
     for down, across in combinations(columns, 2):
         plain = all(column.steps[:2] in ((0, _UNIT), (_UNIT, _UNIT)) for column in (down, across))
         pairs = len(set(_together((down, across))))
@@ -237,7 +237,7 @@ def _grids(names: list[str], columns: list[_Column]) -> Iterator[Candidate[Numbe
 def _without_frames(
     names: list[str], frames: _Column, columns: list[_Column]
 ) -> Iterator[Candidate[NumberedNames]]:
-    """What the other numbers count, in the names of the first frame."""
+    """Interpretations of the other numbers, in the names of the first frame."""
     first = [at for at, number in enumerate(frames.numbers) if number == frames.values[0]]
     kept = [
         attrs.evolve(column, numbers=tuple(column.numbers[at] for at in first))
@@ -252,8 +252,8 @@ def _without_frames(
 def placed(
     names: list[str], rows: list[int] | None, cols: list[int], shape: ViewIndex, counts: bool = True
 ) -> NumberedNames:
-    """Names by their places; of several for one, the first. rows: None for a number that runs;
-    counts: whether numbers and not only their order say so.
+    """Names by grid index; of several for one, the first. rows: None for a running number; counts:
+    whether the numbers are indices, not only their order.
     """
     views: dict[ViewIndex, str] = {}
     clashes: list[tuple[str, str]] = []
@@ -274,8 +274,8 @@ def placed(
 
 
 def _frame_columns(varying: list[_Column], count: int) -> list[_Column]:
-    """The numbers that may count frames or exposures, where those of views and they fill a box: the
-    one after a word that says so, else each of three.
+    """The numbers that may count frames or exposures, if they and those of views fill a box: the
+    one after such a word, else each of three.
     """
     for columns in [*combinations(varying, 3), *combinations(varying, 2)]:
         whole = math.prod(len(column.values) for column in columns)

@@ -27,14 +27,14 @@ _CLEAR = 0.02  # lead in correlation of a clear grid
 
 @attrs.frozen(kw_only=True)
 class Running:
-    """How a running number fills a grid: row by row, in a snake every other one backwards."""
+    """How a running number fills a grid: row by row; in a snake, every other row backwards."""
 
     rows: int
     cols: int
     snake: bool = False
     upwards: int = 0  # of a quilt: tiles in a row; its lowest row is the first
     ring: bool = False  # on a circle, which is no line: its ends are neighbours
-    doubt: str = ""  # what is left open
+    doubt: str = ""  # what stays ambiguous
     score: float = 0.0  # how well it explains the likeness of the pictures, at most 1
 
     @property
@@ -97,15 +97,12 @@ def _positions(present: Sequence[bool], tries: Sequence[Running]) -> list[int]:
 
 @attrs.frozen
 class Likeliest:
-    """The candidate that explains the likeness of the pictures best. score: correlation of
-    unlikeness with distance in the grid.
-    near: other grids that explain it nearly as well; others: the next ones.
-    """
+    """The candidate that explains the likeness of the pictures best."""
 
     run: Running
-    score: float
-    near: tuple[Running, ...]
-    others: tuple[Running, ...]
+    score: float  # correlation of difference with distance in the grid
+    near: tuple[Running, ...]  # other grids that explain it nearly as well
+    others: tuple[Running, ...]  # all other grids, the best first
 
     @property
     def clear(self) -> bool:

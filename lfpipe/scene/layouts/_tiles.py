@@ -1,5 +1,5 @@
-"""Pictures of many tiles, one view each: finds the tiles by lines of one colour between them, or
-because neighbours are alike, and whether they are a grid of views or, as in a quilt, one line.
+"""Pictures of many tiles, one view each: finds the tiles by lines of one colour between them or by
+the likeness of neighbours, and whether they form a grid of views or one line, as in a quilt.
 """
 
 import re
@@ -56,25 +56,20 @@ def plane_of(picture: NDArray[Any]) -> NDArray[np.uint8]:
 
 @attrs.frozen(kw_only=True)
 class Tiling:
-    """Where the tiles of a picture lie: tops and lefts in px, and their common size; what lies
-    between them belongs to none.
-    quilt: one row of views from the bottom left tile to the right, then upwards (downwards with
-    `down`). doubt: what the pictures leave open, "" for nothing.
-    """
+    """The positions of a picture's tiles, and their common size."""
 
-    tops: tuple[int, ...]
-    lefts: tuple[int, ...]
+    tops: tuple[int, ...]  # px
+    lefts: tuple[int, ...]  # px
     height_px: int
     width_px: int
-    quilt: bool = False
-    down: bool = False
-    doubt: str = ""
+    quilt: bool = False  # one row of views, from the bottom left tile to the right, then upwards
+    down: bool = False  # a quilt from the top left tile, downwards
+    doubt: str = ""  # what the pictures leave ambiguous, "" for nothing
 
     @classmethod
     def even(cls, picture: NDArray[Any], rows: int, cols: int, resized: bool = True) -> "Tiling":
-        """Tiles of one size without gaps. Where they do not divide the picture, it was resized, and
-        they lie at fractions of a pixel; else a remainder at the right and the bottom belongs to
-        none.
+        """Tiles of one size without gaps. If they do not divide the picture, they lie at fractions
+        of a pixel (resized), or leave a remainder at the right and the bottom.
         """
         height, width = picture.shape[0] // rows, picture.shape[1] // cols
         down, across = height, width
@@ -109,8 +104,8 @@ class Tiling:
 
 def dip(grey: NDArray[np.float32], axis: int, period: float) -> float:
     """Mean square difference between a picture and itself at a shift of one period along an axis,
-    relative to shifts of half a period more or less: 1 where these are plain. What repeats has a
-    dip there; the difference of an ordinary picture only grows with the shift.
+    relative to shifts of half a period more or less; 1 for a plain picture. Small for a repeating
+    picture; in an ordinary one the difference only grows with the shift.
     """
     along = grey if axis == 0 else grey.T
     at, less, more = (
@@ -129,8 +124,8 @@ def _unlike(grey: NDArray[np.float32], axis: int) -> dict[int, float]:
 
 
 def _period(unlike: dict[int, float], full_px: int) -> tuple[int, float]:
-    """The number of tiles whose neighbours are most alike, and their difference; (1, 1.0) if no
-    number divides.
+    """The number of tiles with the most similar neighbours, and their difference; (1, 1.0) if no
+    number divides the side.
     """
     fits = {n: u for n, u in unlike.items() if full_px % n == 0 and full_px // n >= MIN_VIEW_PX}
     best = min(fits, key=lambda n: fits[n], default=1)
@@ -258,8 +253,8 @@ def _candidate(why: str, tiling: Tiling, rank: int, unlike: float) -> Candidate[
 
 
 def _as_quilt(picture: NDArray[Any], plain: Tiling) -> Tiling:
-    """The tiles as one line of views, from the bottom left (or the top left) one, where that
-    explains the likeness of tiles better than their grid does.
+    """The tiles as one line of views, from the bottom left (or the top left) one, if that explains
+    the likeness of tiles better than a grid.
     """
     rows, cols = plain.shape
     if min(rows, cols) < 2:

@@ -55,17 +55,14 @@ _FRAMES = (
 
 @attrs.frozen(eq=False, kw_only=True)
 class _Photo:
-    """A picture with its depth. full: the picture's full value. nearness: float32 (h, w), larger is
-    nearer, NaN where it was not measured; why: how it was read; doubt: what that leaves open, ""
-    for nothing.
-    """
+    """A picture with its depth."""
 
     paths: tuple[Path, ...]
     picture: NDArray[Any]
-    full: int
-    nearness: NDArray[np.float32]
-    why: str
-    doubt: str = ""
+    full: int  # full-scale value of the picture
+    nearness: NDArray[np.float32]  # (h, w), larger is nearer, NaN where it was not measured
+    why: str  # how the map was interpreted
+    doubt: str = ""  # what that leaves ambiguous, "" for nothing
 
 
 def read_depth(
