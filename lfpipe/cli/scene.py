@@ -193,7 +193,7 @@ def info(path: Path, as_json: bool, verbose: bool, config: Config) -> None:
 @click.argument("folder", metavar="FOLDER", type=PATH)
 @with_scene
 def describe(folder: Path, config: Config) -> None:
-    """State how the views in FOLDER are arranged, in FOLDER/lightfield.toml.
+    """State how the views in FOLDER are arranged, in its file `lightfield.toml`.
 
     The file comes before any detection. It holds --layout, --grid, --flip and every
     --set scene.KEY=VALUE that you give, for example --set scene.invert_depth=yes.

@@ -41,18 +41,16 @@ _ABOVE = re.compile(
 _HALF = re.compile(r"(?<![a-z])(h|half[-_ ]?)(sbs|ou|tb|width|over|top|side)")
 _VIDEO_ASPECTS = (1.7, 1.85)  # a picture of this shape holds halves squeezed to half their width
 _GLANCE_PX = 384  # longer side of the compared halves
-_ALIKE, _AGREED = 0.5, 0.5  # correlation of two halves; share of their detail that flow matches
+_AGREED = 0.5  # share of the detail of two halves that flow matches
 
 
 @attrs.frozen
 class _Halves:
-    """How a picture holds two: one above the other, else side by side; squeezed to half the width
-    or height; named: its name says that it does.
-    """
+    """How a picture holds two."""
 
-    above: bool
-    squeezed: bool
-    named: bool
+    above: bool  # one above the other, else side by side
+    squeezed: bool  # to half the width or height
+    named: bool  # the name says so
 
 
 def _pairs(listing: Listing) -> list[tuple[str, str]]:
@@ -120,11 +118,6 @@ def are_a_pair(a: NDArray[Any], b: NDArray[Any]) -> bool:
     """Whether two pictures of equal size show one scene from two positions side by side."""
     greys = [plane_of(reduced(picture, _GLANCE_PX)) for picture in (a, b)]
     if min(greys[0].shape) < 24 or min(float(grey.std()) for grey in greys) < 2:
-        return False
-    a_soft, b_soft = (
-        np.asarray(cv2.GaussianBlur(grey, (0, 0), 4), np.float64).ravel() for grey in greys
-    )
-    if float(np.corrcoef(a_soft, b_soft)[0, 1]) < _ALIKE:
         return False
     to_right, confirmed = returned_flow(*greys)
     detail = textured(greys[0])
