@@ -21,7 +21,7 @@ _SIDE_PX = 96  # of the small pictures that are compared
 SHORTEST_CIRCLE = 8  # views of a walk round something
 MAX_PICTURES = 64  # that are decoded
 # grid steps over which the difference saturates: far cameras differ at once, near ones slowly
-_REACHES = (1.5, 12.0)
+_REACHES = (1.5, 4.0, 12.0, 40.0)
 _CLEAR = 0.02  # lead in correlation of a clear grid
 
 
