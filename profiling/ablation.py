@@ -5,13 +5,14 @@
 
 The list is a CSV of file (in lfpipe), constant (at the module's head, or Class.NAME), neutral value
 and measures, separated by spaces. A neutral value makes the rule that has the constant do nothing.
+A function may stand for a constant; its neutral value is another function.
 Each line is measured in a copy of the packages, two lines at a time:
 
 eyes      `profiling.eyes_tracks`: the default filter on the tracks of --tracks
 faces     failures of tests/track/test_people.py: real heads, hands and portraits
 viewer    viewpoints of every script of `lfpipe bench viewer`, the default settings
 pictures  `lfpipe bench viewer --quick`, pictures too
-layouts   `profiling.scene_layouts`
+layouts   `profiling.scene_layouts`: 0 for a set that opens right, 1 undecided, 2 wrong
 table     `lfpipe bench table` on each --scene: PSNR
 
 All figures are deterministic, and less is better. Changes of less than 1 % count as none. A
@@ -66,13 +67,17 @@ def trials(path: Path) -> list[Trial]:
         ]
 
 
-def value_of(source: str, constant: str) -> ast.expr:
-    """The expression that a module assigns to a constant. Raises KeyError if there is none."""
+def value_of(source: str, constant: str) -> ast.expr | ast.FunctionDef:
+    """The expression that a module assigns to a constant, or the function of that name. Raises
+    KeyError if there is none.
+    """
     body: Sequence[ast.stmt] = ast.parse(source).body
     *classes, name = constant.split(".")
     for kind in classes:
         body = next(one for one in body if isinstance(one, ast.ClassDef) and one.name == kind).body
     for node in body:
+        if isinstance(node, ast.FunctionDef) and node.name == name:
+            return node
         targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
         value = getattr(node, "value", None)
         for target in targets:
@@ -92,6 +97,8 @@ def value_of(source: str, constant: str) -> ast.expr:
 def replaced(source: str, constant: str, neutral: str) -> str:
     """The source with another value of a constant."""
     node = value_of(source, constant)
+    if isinstance(node, ast.FunctionDef):
+        neutral = f"{constant} = {neutral}"
     lines = source.encode().splitlines(keepends=True)
     before = sum(map(len, lines[: node.lineno - 1])) + node.col_offset
     after = sum(map(len, lines[: (node.end_lineno or 0) - 1])) + (node.end_col_offset or 0)
@@ -191,13 +198,10 @@ def table(scenes: Sequence[Path]) -> Figures:
 
 
 def layouts() -> Figures:
-    with tempfile.TemporaryDirectory() as out:
-        file = Path(out, "layouts.md")
-        command = [sys.executable, "-m", "profiling.scene_layouts", "--out", str(file)]
-        subprocess.run(command, capture_output=True, check=True)
-        rows = re.findall(r"^\| ([^|]+)\|(.*)$", file.read_text(), re.MULTILINE)
-    wrong = re.compile("WRONG|REFUSED|OPENED|undecided")
-    return {name.strip(): float(bool(wrong.search(rest))) for name, rest in rows}
+    from profiling.scene_layouts import results
+
+    grades = {"right": 0.0, "refused": 0.0, "undecided": 1.0}
+    return {f"{group}, {kind}": grades.get(word, 2.0) for group, kind, _, word, _ in results()}
 
 
 def measure(names: Sequence[str], tracks: Path | None, scenes: Sequence[Path]) -> Figures:
@@ -250,8 +254,9 @@ def changes(before: Figures, after: Figures) -> Figures:
 
 def line(trial: Trial, before: Figures, after: Figures | str) -> str:
     """The row of a trial."""
-    value = value_of((ROOT / "lfpipe" / trial.file).read_text(), trial.constant)
-    head = f"| {trial.file} | {trial.constant} | {ast.unparse(value)} | {trial.neutral} |"
+    found_value = value_of((ROOT / "lfpipe" / trial.file).read_text(), trial.constant)
+    value = "function" if isinstance(found_value, ast.FunctionDef) else ast.unparse(found_value)
+    head = f"| {trial.file} | {trial.constant} | {value} | {trial.neutral} |"
     if isinstance(after, str):
         return f"{head} | | | | earns its place: fails without: {after} |"
     found = changes(before, after)

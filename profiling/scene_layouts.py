@@ -23,7 +23,7 @@ from PIL import Image
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene.examination import examine_scene
+from lfpipe.scene.analysis import analyse_scene
 from profiling.arguments import parser_of
 from tests.scene import made, people_sets, test_pictures, test_plausibility, writers
 
@@ -216,7 +216,7 @@ def cases() -> Iterator[Case]:
 def verdict(case: Case, path: Path) -> tuple[str, str]:
     """(word, what it opened as or why not)."""
     try:
-        found = examine_scene(path, config.Scene())
+        found = analyse_scene(path, config.Scene())
     except UserError as error:
         return (
             "refused" if case.grid is None else "WRONG"
@@ -249,12 +249,25 @@ def near(view: np.ndarray, true: np.ndarray, grid: np.ndarray) -> bool:
     return off[0] <= min(off) + 1e-9 and off[0] < 12
 
 
+def results() -> Iterator[tuple[str, str, str, str, str]]:
+    """(group, kind, what is expected, word, what it opened as) of every set."""
+    for case in cases():
+        with tempfile.TemporaryDirectory() as folder:
+            found = verdict(case, case.make(Path(folder)))
+        expected = "no light field" if case.grid is None else f"{case.grid[0]}x{case.grid[1]}"
+        yield (case.group, case.kind, expected, *found)
+    for group, sets in people_sets.SETS.items():
+        for people in sets:
+            with tempfile.TemporaryDirectory() as folder:
+                found = people_sets.verdict(people, people.make(Path(folder)))
+            yield (group, people.kind, people.opens or f"refused: {people.text}", *found)
+
+
 def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("--out", type=Path, default=Path("profiling/results/layouts.md"))
     parser.add_argument("--before", type=Path)
     options = parser.parse_args()
-    out = options.out
     earlier = re.findall(
         r"^\| ([^|]*) \| ([^|]*) \| [^|]* \| (?:[^|]* \| )?(\w+) \| [^|]* \|$",
         options.before.read_text() if options.before else "",
@@ -263,35 +276,21 @@ def main() -> None:
     before = {(group, kind): word for group, kind, word in earlier}
     counts: Counter[str] = Counter()
     rows = []
-
-    def note(group: str, kind: str, expected: str, word: str, what: str) -> None:
+    for group, kind, expected, word, what in results():
         counts[word] += 1
         cells = (group, kind, expected, before.get((group, kind), ""), word, what[:170])
         rows.append("| " + " | ".join(cells).replace("\n", " ") + " |")
         print(rows[-1], flush=True)
-
-    for case in cases():
-        with tempfile.TemporaryDirectory() as folder:
-            word, what = verdict(case, case.make(Path(folder)))
-        expected = "no light field" if case.grid is None else f"{case.grid[0]}x{case.grid[1]}"
-        note(case.group, case.kind, expected, word, what)
-    for group, sets in people_sets.SETS.items():
-        for people in sets:
-            with tempfile.TemporaryDirectory() as folder:
-                word, what = people_sets.verdict(people, people.make(Path(folder)))
-            note(group, people.kind, people.opens or f"refused: {people.text}", word, what)
     total = ", ".join(f"{word} {count}" for word, count in sorted(counts.items()))
     head = [
         "# What sets of many kinds open as",
         "",
         f"`python -m profiling.scene_layouts`: {total}.",
         "",
-    ]
-    head += [
         "| group | kind | expected | before | result | what it opened as, or why not |",
         "|---|---|---|---|---|---|",
     ]
-    out.write_text("\n".join([*head, *rows]) + "\n")
+    options.out.write_text("\n".join([*head, *rows]) + "\n")
     print(total)
 
 

@@ -1,25 +1,23 @@
-"""Counts the statements of the program and its tests, without docstrings, by package, with their
-goals: `python -m tools.count_statements`. Ends with 1 if a goal is exceeded.
+"""Counts statements, docstrings excluded, by package, and compares them with the table
+[tool.lfpipe.sizes] of pyproject.toml:
+
+    python -m tools.count_statements           # ends with 1 if a package is larger
+    python -m tools.count_statements --write   # updates the table
+
+A size may go up only with the reason in the message of the commit.
 """
 
 import argparse
 import ast
-import subprocess
+import re
+import tomllib
 from collections import Counter
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-GOALS = {
-    "lfpipe": 19_000,
-    "tests": 14_500,
-    "lfpipe/scene": 3_500,
-    "lfpipe/render": 3_200,
-    "lfpipe/bench": 1_500,
-    "lfpipe/capture": 1_400,
-    "lfpipe/supervisor": 1_250,
-    "lfpipe/monitor": 1_050,
-    "lfpipe/files": 600,
-}
+TABLE = ROOT / "pyproject.toml"
+FOLDERS = ("lfpipe", "tests", "profiling", "tools", "examples")
+CORE, EXTRAS = "core", "lfpipe/extras"  # core: lfpipe without extras
 
 
 def is_docstring(node: ast.AST) -> bool:
@@ -38,31 +36,58 @@ def statements(path: Path) -> int:
 
 
 def by_package() -> Counter[str]:
-    """The statements of every folder at the top, and of every package of lfpipe."""
-    listed = subprocess.run(
-        ["git", "ls-files", "*.py"], cwd=ROOT, capture_output=True, text=True, check=True
-    )
+    """The statements of the core, of every package of lfpipe, and of the other folders."""
     count: Counter[str] = Counter()
-    for name in listed.stdout.splitlines():
-        if not (ROOT / name).exists():  # removed, not committed yet
-            continue
-        size = statements(ROOT / name)
-        folder, *rest = name.split("/")
-        count[folder] += size
-        if folder == "lfpipe" and len(rest) > 1:
-            count[f"lfpipe/{rest[0]}"] += size
+    for path in (path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")):
+        folder, *rest = path.relative_to(ROOT).parts
+        package = f"{folder}/{rest[0]}" if folder == "lfpipe" and len(rest) > 1 else folder
+        size = statements(path)
+        count[package] += size
+        if folder == "lfpipe" and package != EXTRAS:
+            count[CORE] += size
     return count
+
+
+def limits() -> dict[str, int]:
+    """The sizes of the table."""
+    table: dict[str, int] = tomllib.loads(TABLE.read_text())["tool"]["lfpipe"]["sizes"]
+    return table
+
+
+def excesses() -> dict[str, str]:
+    """By package, the sizes above those of the table."""
+    allowed = limits()
+    return {
+        package: f"{size}, {allowed.get(package, 0)} in pyproject.toml"
+        for package, size in by_package().items()
+        if size > allowed.get(package, 0)
+    }
+
+
+def write() -> None:
+    """Writes the sizes into the table."""
+    lines = [f'"{package}" = {size}\n' for package, size in sorted(by_package().items())]
+    head = "[tool.lfpipe.sizes]\n"
+    text = re.sub(
+        rf"({re.escape(head)}(?:#.*\n)*)(?:\".*\n)*",
+        lambda match: match[1] + "".join(lines),
+        TABLE.read_text(),
+    )
+    TABLE.write_text(text)
 
 
 def main() -> int:
     """Prints the table."""
-    argparse.ArgumentParser(description=__doc__).parse_args()
-    over = 0
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
+    parser.add_argument("--write", action="store_true", help="write the sizes into pyproject.toml")
+    if parser.parse_args().write:
+        write()
     for package, size in sorted(by_package().items()):
-        goal = GOALS.get(package)
-        over += goal is not None and size > goal
-        print(f"{package:20} {size:7,}" + (f"  goal {goal:6,}" if goal is not None else ""))
-    return int(over > 0)
+        print(f"{package:18} {size:6,}")
+    found = excesses()
+    for package, text in sorted(found.items()):
+        print(f"too large: {package}: {text}")
+    return int(bool(found))
 
 
 if __name__ == "__main__":

@@ -20,7 +20,6 @@ T = TypeVar("T")
 # linux/v4l2-controls.h
 AUTO_GAIN, GAIN, POWER_LINE = 0x00980912, 0x00980913, 0x00980918
 AUTO_EXPOSURE, EXPOSURE, DYNAMIC_FRAMERATE = 0x009A0901, 0x009A0902, 0x009A0903
-EXPOSURE_UNIT_NS = 100_000  # EXPOSURE counts 0.1 ms
 POWER_LINE_HZ = (0, 50, 60)  # by menu entry; the next is automatic
 CHECK_S = 2.0  # automatic exposure follows the light
 RESTORE_TRIES = 3  # a busy camera misses a request; nobody would set the control again
@@ -174,4 +173,4 @@ class CameraControls(threading.Thread):
     def _exposure_ns(self) -> int | None:
         if self._device.control_range(EXPOSURE) is None:
             return None
-        return self._device.control(EXPOSURE) * EXPOSURE_UNIT_NS or None
+        return self._device.control(EXPOSURE) * 100_000 or None  # it counts 0.1 ms

@@ -15,7 +15,6 @@ from lfpipe.files.decoding import fit_note
 from lfpipe.transport.ring import StampKind
 
 _TURNS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
-NO_MEMORY = -4  # cv::Error::StsNoMem
 
 
 class BrokenFrame(UserError):
@@ -28,7 +27,7 @@ def undecodable(what: str, error: BrokenFrame | MemoryError | cv2.error) -> Brok
     """A decoder's failure or lack of memory as the user's error. what: file or device."""
     if isinstance(error, BrokenFrame):
         return error
-    if isinstance(error, MemoryError) or error.code == NO_MEMORY:
+    if isinstance(error, MemoryError) or error.code == -4:  # cv::Error::StsNoMem
         return BrokenFrame(
             f"{what}: decoding needs more memory than allowed or available",
             "use a smaller picture or video",

@@ -21,7 +21,6 @@ from lfpipe.log import set_up
 from lfpipe.render.plan import make_plan
 from lfpipe.render.synthesis.compositor import ViewRenderer
 from lfpipe.scene.cache import cache_dir, packed, packs, remove, sweep
-from lfpipe.scene.contact_sheet import contact_sheet
 from lfpipe.scene.description import describe_folder
 from lfpipe.scene.info import expected_field, facts, lines
 from lfpipe.scene.lightfield import LightField
@@ -194,7 +193,7 @@ def info(path: Path, as_json: bool, verbose: bool, config: Config) -> None:
 @click.argument("folder", metavar="FOLDER", type=PATH)
 @with_scene
 def describe(folder: Path, config: Config) -> None:
-    """State how the views in FOLDER are arranged, in FOLDER/lightfield.toml.
+    """State how the views in FOLDER are arranged, in its file `lightfield.toml`.
 
     The file comes before any detection. It holds --layout, --grid, --flip and every
     --set scene.KEY=VALUE that you give, for example --set scene.invert_depth=yes.
@@ -249,13 +248,3 @@ def view(
             f"--method {method}: {field.name} has no disparity", "use --method nearest or blend"
         )
     write_picture(out, ViewRenderer(field, method).render(row, col, frame))
-
-
-@scene.command()
-@SCENE
-@click.option("-o", "--out", type=PATH, required=True, help="File for the picture.")
-@with_scene
-def sheet(path: Path, out: Path, config: Config) -> None:
-    """Write a contact sheet of all views, epipolar slices, and depth: near in red, far in blue."""
-    check_picture(out, path)
-    write_picture(out, contact_sheet(opened(path, config))[..., ::-1])

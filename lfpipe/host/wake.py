@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 _SEQ = struct.Struct("@Q")
-MOST = 512  # wakes read at once, 4 KiB; the rest next time
 
 
 def make(path: Path) -> None:
@@ -43,7 +42,8 @@ class Wake:
     def drain(self) -> int:
         """Reads all wakes, at most MOST; returns the last seq, 0 if there was none."""
         try:
-            data = os.read(self.fd, MOST * _SEQ.size)
+            # 4 KiB at once, the rest next time
+            data = os.read(self.fd, 512 * _SEQ.size)
         except BlockingIOError:
             return 0
         whole = len(data) // _SEQ.size * _SEQ.size

@@ -20,9 +20,6 @@ _PRESENTATION_FEEDBACK, _DISPLAY_GET_REGISTRY, _REGISTRY_BIND, _SURFACE_FRAME = 
 _CLOCK_MONOTONIC = 1
 _MAX_WAITING = 64  # answers outstanding; a hidden window gets none
 _UNANSWERED = 30  # after this many frame callbacks without feedback none is expected
-# a frame's stamp further from now comes from another clock
-_CLOCK_MS = 1000
-_WRAP_MS = 1 << 32
 
 _Pointer, _Int = ctypes.c_void_p, ctypes.c_uint32
 
@@ -222,8 +219,9 @@ class WaylandPresentation:
 
     def _on_frame(self, _data: int, proxy: int, t_ms: int) -> None:
         now = time.monotonic_ns()
-        ago_ms = (now // 1_000_000 - t_ms) % _WRAP_MS
-        t_ns = now - ago_ms * 1_000_000 if ago_ms < _CLOCK_MS else now
+        ago_ms = (now // 1_000_000 - t_ms) % (1 << 32)
+        # a stamp further from now comes from another clock
+        t_ns = now - ago_ms * 1_000_000 if ago_ms < 1000 else now
         self._done.append((t_ns // 1_000_000 * 1_000_000 + 500_000, self._frames.pop(proxy)))
         self._unanswered += 1
         self._library.wl_proxy_destroy(proxy)

@@ -43,7 +43,6 @@ from lfpipe.scene.pack import (
 from lfpipe.scene.source import SceneSource
 
 _DEEPEST = 3  # levels of folders between the given one and its pictures
-_MAX_KEY_BYTES = 256  # of an entry of the index
 _KEY = re.compile("[0-9a-f]{24}")  # as `content_key` gives it
 _STAMP = re.compile("[0-9a-f]{32}")
 _HIDDEN = r"|\..*"  # of the system, or a work name
@@ -161,7 +160,7 @@ def content_key(source: SceneSource, scene: config.Scene) -> str:
 def _pack_of(entry: Path, root: Path) -> Path | None:
     """The pack that an entry of the index names, if it exists."""
     with contextlib.suppress(OSError, UnicodeDecodeError):
-        key = read_bytes(entry, _MAX_KEY_BYTES).decode()
+        key = read_bytes(entry, 256).decode()
         if key.isalnum() and (root / "scenes" / key).is_dir():
             return root / "scenes" / key
     return None

@@ -1,4 +1,4 @@
-"""Facts about a scene, for people and programs: from its pack, or from an examination if there is
+"""Facts about a scene, for people and programs: from its pack, or from an analysis if there is
 none yet.
 """
 
@@ -8,8 +8,8 @@ from typing import Any
 import attrs
 import numpy as np
 
-from lfpipe.scene.examination import Examined
-from lfpipe.scene.lightfield import LightField, Manifest
+from lfpipe.scene.analysis import AnalysedScene
+from lfpipe.scene.lightfield import DisparitySource, LightField, Manifest
 from lfpipe.scene.packing import manifest_of
 
 _NAMES = (
@@ -32,8 +32,8 @@ _NAMES = (
 )
 
 
-def scene_manifest(scene: Examined) -> Manifest:
-    """What is known of an examined scene before it is packed, in the order in which it is shown.
+def scene_manifest(scene: AnalysedScene) -> Manifest:
+    """What is known of an analysed scene before it is packed, in the order in which it is shown.
     Offsets are rounded: a child's answer has at most 1 MB.
     """
     manifest = manifest_of(scene)
@@ -42,7 +42,9 @@ def scene_manifest(scene: Examined) -> Manifest:
         method="",
         disparity=attrs.evolve(
             manifest.disparity,
-            source="estimated" if scene.orientation.depth is not None else "unknown",
+            source=DisparitySource.UNKNOWN
+            if scene.orientation.depth is None
+            else DisparitySource.ESTIMATED,
         ),
         offsets=manifest.offsets and np.round(manifest.offsets, 3).tolist(),
     )
@@ -54,7 +56,7 @@ def facts(manifest: Manifest, pack: str = "") -> dict[str, Any]:
     told = attrs.asdict(manifest)
     disparity = told["disparity"]
     low_px, high_px = disparity.pop("min_px"), disparity.pop("max_px")
-    known = manifest.disparity.source != "unknown"
+    known = manifest.disparity.source is not DisparitySource.UNKNOWN
     return {
         **{name: told[name] for name in _NAMES},
         "orientation_evidence": told["orientation"],
@@ -99,14 +101,17 @@ def lines(manifest: Manifest, pack: str = "") -> list[str]:
     colour = "colour" if manifest.channels == 3 else "grey"
     tone = f", gamma {manifest.gamma:g} ({manifest.gamma_by})" if manifest.gamma != 1 else ""
     say("depth", f"{manifest.bit_depth} bit, {colour}{tone}")
-    evidence = f"{order.by}, sure" if order.sure else order.by
-    say("order", f"{turned or 'as in the files'}: {order.reason} ({evidence})")
+    certainty = f"{order.by}, sure" if order.sure else order.by
+    say("order", f"{turned or 'as in the files'}: {order.reason} ({certainty})")
     if order.undecided:
         say("undecided", order.undecided)
     if manifest.frames > 1:
         say("video", f"{manifest.frames} frames at {manifest.frame_rate_hz:g} Hz")
     about = manifest.disparity
-    unmeasured = {"none": "none", "unknown": "measured when the scene is packed"}
+    unmeasured = {
+        DisparitySource.NONE: "none",
+        DisparitySource.UNKNOWN: "measured when the scene is packed",
+    }
     where = "" if pack else " from a few views"
     span = f"{about.min_px:+.2f} to {about.max_px:+.2f} px per view, {about.source}{where}"
     say("disparity", unmeasured.get(about.source, span))
@@ -136,7 +141,7 @@ def expected_field(manifest: Manifest) -> LightField:
     """What the pack of a scene that is not packed will be, with views and disparities of zeros that
     take no memory, and the method of most scenes.
     """
-    warped = manifest.disparity.source != "none"
+    warped = manifest.disparity.source is not DisparitySource.NONE
     return LightField.of(
         attrs.evolve(manifest, method="warp2" if warped else "nearest"),
         np.broadcast_to(np.uint8(0), manifest.views_shape),

@@ -2,8 +2,8 @@
 
 Reversing rows and columns inverts depth (pseudoscopic order) and the sign of disparity. The images
 alone rarely determine the order, so a pack holds the views as stored, and the order is state of the
-session: `scene.invert_depth`, else what a person chose for this scene before, else what the pack's
-evidence says.
+session: `scene.invert_depth`, else the user's earlier choice for this scene, else the order that
+the pack's manifest states.
 
     STATE/depth_order/KEY      "yes", "no", or "asked" once the window has asked
 """

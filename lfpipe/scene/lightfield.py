@@ -1,7 +1,8 @@
-"""An opened light field, as used by all rooms above: in canonical order (row 0 top camera, column 0
-left camera); and its manifest, what manifest.json of a pack says: everything but its arrays.
+"""An opened light field in canonical order (row 0: top camera, column 0: left camera), and its
+manifest: the content of a pack's manifest.json, everything but the arrays.
 """
 
+import enum
 from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Self
@@ -31,23 +32,43 @@ class Depth:
         return max(-self.min_px, self.max_px)
 
 
+class DisparitySource(enum.StrEnum):
+    """Where disparity comes from; the values stand in manifests."""
+
+    NONE = "none"
+    UNKNOWN = "unknown"  # not packed yet
+    ESTIMATED = "estimated"
+    TRUTH = "truth"
+
+
+class OrderSource(enum.StrEnum):
+    """What determined the order of the views; the values stand in manifests."""
+
+    NOTHING = "nothing"
+    OVERRIDE = "override"
+    COORDINATES = "coordinates"
+    TRUTH = "truth"
+    LAYOUT = "layout"
+    FLOW = "flow"
+
+
 @attrs.frozen(kw_only=True)
 class Disparity(Depth):
     """Where the disparities of a pack are from, and the step of the stored maps."""
 
-    source: str = "none"  # "truth" or "estimated"; of what is not packed yet, also "unknown"
+    source: DisparitySource = DisparitySource.NONE
     scale_px: float = 1 / 16
 
 
 @attrs.frozen(kw_only=True)
 class OrientationFacts:
-    """The evidence for the order of the views, as `orientation.Orientation` has it."""
+    """What determined the order of the views, as `orientation.Orientation` has it."""
 
-    by: str = "nothing"
+    by: OrderSource = OrderSource.NOTHING
     sure: bool = True
     reason: str = ""
     undecided: str = ""
-    invert_depth: bool = False  # whether near and far are exchanged in the pack
+    invert_depth: bool = False  # whether the order of the pack inverts depth
     depth_order_sure: bool = True
 
 
@@ -97,7 +118,7 @@ class Manifest:
         return self.frames, self.rows, self.cols, (self.height + 1) // 2, (self.width + 1) // 2
 
     def exchanged(self) -> "Manifest":
-        """With near and far exchanged: rows and columns reversed, disparities negated."""
+        """In inverted depth order: rows and columns reversed, disparities negated."""
         turn = self.flips
         depth = self.disparity
         return attrs.evolve(
@@ -113,42 +134,34 @@ class Manifest:
         )
 
 
-# in LightField.disparity: no value explains the neighbours, so views are cross-faded there
+# in LightField.disparity: unknown, so views are cross-faded there
 UNKNOWN = -128
 
 
 @attrs.frozen(eq=False, repr=False, kw_only=True)
 class LightField:
-    """A grid of views with its metadata.
-
-    views: uint8 (frames, rows, cols, channels, height, width); channels is 1 (grey) or 3 (red,
-    green, blue), in screen
-        (gamma) values. A read-only memory map: touching one plane reads that plane only.
-    disparity: int8 (frames or 1, rows, cols, height_d, width_d), or None; times disparity_scale_px,
-    which is negative after
-        a half-turn, it is the shift in px of a stored view per grid step, positive is nearer than
-        the plane of zero disparity: what stands at (x, y) in view (r, c) stands at (x - d*(c'-c), y
-        - d*(r'-r)) in view (r', c'). UNKNOWN where it is not known.
-    offsets: float32 (rows, cols, 2), where a camera stood less its place on the regular grid, in
-    grid steps
-        (row, col); zeros on a regular grid.
-    present: bool (rows, cols), False where the source has no such view (its place holds the nearest
-    one's copy).
-    """
+    """A grid of views with its metadata."""
 
     views: NDArray[np.uint8]
+    """(frames, rows, cols, channels, height, width); channels: 1 (grey) or 3 (red, green, blue), in
+    screen (gamma) values. A read-only memory map: reading a plane touches that plane only."""
     disparity: NDArray[np.int8] | None
-    disparity_scale_px: float
+    """(frames or 1, rows, cols, half height, half width), in steps of disparity_scale_px: the shift
+    in px of a stored view per grid step; positive: nearer than the plane of zero disparity. A point
+    at (x, y) in view (r, c) appears at (x - d*(c'-c), y - d*(r'-r)) in view (r', c')."""
+    disparity_scale_px: float  # negative in inverted depth order
     disparity_min_px: float
     disparity_max_px: float
-    disparity_source: str  # "truth", "estimated" or "none"
+    disparity_source: str  # a DisparitySource
     offsets: NDArray[np.float32]
+    """(rows, cols, 2): camera position minus regular grid position, in grid steps"""
     present: NDArray[np.bool_]
+    """(rows, cols): False where the source has no view; the nearest view is stored there"""
     geometry: Geometry
     frame_rate_hz: float  # of light-field video; 0 for a still
     name: str
     method: str  # the method that `auto` stands for: "nearest", "blend", "warp" or "warp2"
-    # provenance; its order is the one shown
+    # of the pack, in the order of `views`
     manifest: Manifest = attrs.field(factory=Manifest)
     folder: str = ""  # of the pack, absolute
     # ends the lock that keeps `lfpipe scene clean` from removing the pack
@@ -208,8 +221,8 @@ class LightField:
         self.close()
 
     def exchanged(self) -> "LightField":
-        """The same field with near and far exchanged: the grid turned by 180 degrees, disparities
-        negated. Copies nothing.
+        """The same field in inverted depth order: rows and columns reversed, disparities negated.
+        Copies nothing.
         """
         return attrs.evolve(
             self,

@@ -25,8 +25,8 @@ def warped_disparity(disparity: FloatMap, down: float, across: float) -> FloatMa
     """The disparity map of a view, warped to the view `down` rows and `across` columns further;
     float32 (h, w) both.
 
-    If several surfaces land on a pixel, the nearest wins; pixels that none reaches lie behind, so
-    the farther neighbour fills them.
+    If several surfaces land on a pixel, the nearest one is kept; pixels without any are filled from
+    the farther neighbour.
     """
     height, width = disparity.shape
     order = np.argsort(disparity.ravel(), kind="stable")

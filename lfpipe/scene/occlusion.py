@@ -1,6 +1,4 @@
-"""Near surfaces hide far ones: the one thing in pictures that tells a grid of views from its
-half-turn.
-"""
+"""Occlusion: near surfaces hide far ones, the only cue in pictures for a grid's depth order."""
 
 from collections.abc import Callable
 
@@ -10,23 +8,23 @@ from numpy.typing import NDArray
 
 from lfpipe.scene.optical_flow import FloatMap, Grey, Mask
 
-UNMISTAKABLE, AGAINST = 16, 10  # places that must agree, and that one against cancels; see `hides`
-OVERLAP_PX = 1.5  # a surface that lands on another is that much nearer
+UNMISTAKABLE, AGAINST = (
+    16,
+    10,
+)  # agreeing positions required, and how many of them one opposing position cancels
 # grey levels between two surfaces; between a surface and what is seen
 DIFFERENT, SAME, WRONG = 10, 3, 6
-# places along the shorter side of a view, with one vote each; its pixels must agree by this many
+# positions along the shorter side of a view, one vote each; its pixels must agree by this many
 SIDE, MAJORITY = 20, 3
 
 
 def hides(right: int, wrong: int) -> int:
-    """1 if near surfaces hide far ones unmistakably, -1 if far ones hide near ones, 0 if that stays
-    open.
+    """1 if near surfaces clearly occlude far ones, -1 for the reverse, 0 if ambiguous.
 
-    right, wrong: places. Where glow, blur and repetition mislead, many places are wrong at once.
-    Right / wrong of real light fields: antinous 104 / 1, stillLife 76 / 3, monasroom 57 / 0, lytro
-    46 / 2, all sure; newshot01 44 / 4, quilt 77 / 42, lego knights 82 / 10, toys 4 / 0, airplane 0
-    / 2 and illum_field 0 / 0 stay open. Of 170 made, turned and disturbed sets none is wrong; the
-    nearest to it is the airplane, noisy and turned, with 13 / 0.
+    right, wrong: counts of positions. Glow, blur and repetition mislead at many of them at once.
+    Real light fields: antinous 104 / 1, stillLife 76 / 3, monasroom 57 / 0 and lytro 46 / 2 are
+    certain; newshot01 44 / 4, quilt 77 / 42, lego knights 82 / 10, toys 4 / 0, airplane 0 / 2 and
+    illum_field 0 / 0 stay ambiguous. Of 170 synthetic, reordered and disturbed sets none is wrong.
     """
     return int(right - AGAINST * wrong >= UNMISTAKABLE) - int(
         wrong - AGAINST * right >= UNMISTAKABLE
@@ -36,8 +34,8 @@ def hides(right: int, wrong: int) -> int:
 def places(
     view: Callable[[int], Grey], count: int, disparity_px: FloatMap, reliable: Mask, sideways: bool
 ) -> tuple[int, int]:
-    """(right, wrong): places where the outermost views of a line show the nearer of two surfaces
-    that meet, and the farther one.
+    """(right, wrong): numbers of positions where the outermost views of a line show the nearer of
+    two surfaces that meet, and the farther one.
 
     view(0) .. view(count - 1): the line; disparity_px: of its middle view, float32 (h, w), per
     step; reliable: where it holds.
@@ -90,7 +88,8 @@ def _votes(
     known = reliable.ravel()
     meet = (
         (front >= 0)
-        & ((depth[front] - depth[back]) * abs(steps) > OVERLAP_PX)
+        # px: a surface that lands on another is that much nearer
+        & ((depth[front] - depth[back]) * abs(steps) > 1.5)
         & known[front]
         & known[back]
     )

@@ -33,7 +33,7 @@ def _plain(paths: Sequence[ScenePath]) -> tuple[str, ...]:
 class PackerRequest:
     """A request for the packer."""
 
-    # pack the first scene, examine it, or make previews of all
+    # pack the first scene, analyse it, or make previews of all
     do: Literal["pack", "info", "previews"] = "pack"
     scenes: tuple[str, ...] = attrs.field(converter=_plain)
     settings: config.Scene
@@ -155,7 +155,7 @@ def absolute_path(path: Path, settings: config.Scene) -> Path:
 
 
 def ask_manifest(path: Path, settings: config.Scene, progress: Progress | None = None) -> Manifest:
-    """The manifest of the scene at path, which the packer examines but does not pack.
+    """The manifest of the scene at path, which the packer analyses but does not pack.
 
     Raises UserError.
     """

@@ -1,10 +1,10 @@
-"""From file order to canonical order (row 0 top camera, column 0 left camera), with the evidence.
+"""The transform from file order to canonical order (row 0: top camera, column 0: left camera).
 
-In canonical order a step to the next column moves everything sideways by -d and a step to the next
-row moves it upwards by the same d. So the direction of motion shows a transpose, and the sign of
-the correlation of the two the flip of one axis: pictures prove both. The half-turn changes neither;
-it exchanges near and far. Formats, coordinates and true disparity say it; pictures show it only
-where a near surface visibly hides a far one (`occlusion`).
+In canonical order, a step to the next column moves a point by -d along x, and a step to the next
+row by -d along y. The direction of motion reveals a transposed grid; the sign of the correlation
+of the two motions reveals one flipped axis. Flipping both axes changes neither: it inverts depth.
+Formats, camera coordinates and true disparity define the depth order; pictures show it only where
+near surfaces occlude far ones (`occlusion`).
 """
 
 import math
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.scene.disparity import depth_range, mismatch, view_disparity
-from lfpipe.scene.lightfield import Depth, OrientationFacts
+from lfpipe.scene.lightfield import Depth, OrderSource, OrientationFacts
 from lfpipe.scene.occlusion import hides, places
 from lfpipe.scene.optical_flow import (
     SMALLEST_PX,
@@ -39,25 +39,21 @@ SPREAD_PX = 3.0  # flow that separates surfaces
 FEWEST = 200  # reliable pixels; fewer mean nothing
 _TURN_HELP = "scene.flip=rows or cols and scene.transpose=yes turn it"
 _DEPTH_HELP = (
-    "near and far: press d in the window, or set scene.invert_depth=yes, if they are exchanged"
+    "depth order: press d in the window, or set scene.invert_depth=yes, if the depth looks inverted"
 )
 
 
 @attrs.frozen(kw_only=True)
 class Orientation:
-    """turn: from file order to canonical. by: "override", "coordinates", "truth", "layout", "flow"
-    or "nothing". reason: for people. undecided: what the evidence does not settle, "" for nothing.
-    depth_order_sure: whether it settles near and far. detected: the turn without the user's
-    setting, if that differs. depth: of the middle view, in the order of the pack.
-    """
+    """The order of the views, and what determines it."""
 
-    turn: GridTransform
-    by: str
-    reason: str
-    undecided: str = ""
+    turn: GridTransform  # from file order to canonical order
+    by: OrderSource
+    reason: str  # for people
+    undecided: str = ""  # what stays ambiguous, "" for nothing
     depth_order_sure: bool = True
-    detected: GridTransform | None = None
-    depth: Depth | None = None
+    detected: GridTransform | None = None  # `turn` without the user's setting, if that differs
+    depth: Depth | None = None  # of the middle view, in the order of the pack
 
     @property
     def sure(self) -> bool:
@@ -65,14 +61,12 @@ class Orientation:
 
     @property
     def invert_depth(self) -> bool:
-        """Whether the canonical grid is a half-turn of what a pack holds; "override" is packed as
-        asked.
-        """
-        return self.by != "override" and self.turn.cols
+        """Whether the order of the pack inverts depth. The user's own order is packed as is."""
+        return self.by is not OrderSource.OVERRIDE and self.turn.cols
 
     @property
     def packed(self) -> GridTransform:
-        """The turn of a pack: without the half-turn, which the session decides."""
+        """The transform of a pack: without inverted depth, which is state of the session."""
         return (
             GridTransform(not self.turn.rows, False, self.turn.transpose)
             if self.invert_depth
@@ -81,8 +75,8 @@ class Orientation:
 
     @property
     def truth_sign(self) -> int:
-        """Sign of true disparity in a pack, which holds with the detected turn; 0 if the user's
-        turn is another than its half-turn.
+        """Sign of true disparity in the order of the pack; 0 if the user's order is neither the
+        detected one nor its inverse.
         """
         holds = self.detected or self.turn
         changed = {self.packed.rows != holds.rows, self.packed.cols != holds.cols}
@@ -105,28 +99,21 @@ class Orientation:
 
 @attrs.frozen(kw_only=True)
 class Axis:
-    """One axis of the file grid, seen from its middle view.
+    """One axis of the file grid, measured from its middle view."""
 
-    sideways: views differ along x (else along y). disparity: float32 (h, w), px per step as if file
-    order were canonical.
-    reliable: bool (h, w), where the flow is confirmed. along_px, across_px: motion per step along
-    the axis and across it.
-    right, wrong: places where the hidden surface is the farther one, and the nearer one.
-    """
-
-    sideways: bool
-    disparity: FloatMap
-    reliable: NDArray[np.bool_]
-    along_px: float
-    across_px: float
-    right: int
-    wrong: int
+    sideways: bool  # views differ along x, else along y
+    disparity: FloatMap  # (h, w), px per step as if file order were canonical
+    reliable: NDArray[np.bool_]  # (h, w), where the flow is confirmed
+    along_px: float  # motion per step along the axis
+    across_px: float  # motion per step across it
+    right: int  # number of positions where the occluded surface is the farther one
+    wrong: int  # number of positions where it is the nearer one
 
 
 def orient(source: SceneSource, scene: config.Scene) -> Orientation:
-    """The turn to canonical order: from the user's setting, else from coordinates or the layout,
-    checked by true disparity, else from flow between a few views. Doubts of the layout are part of
-    `undecided`.
+    """The transform to canonical order: from the user's setting, else from coordinates or the
+    layout, checked against true disparity, else from optical flow between a few views. Includes
+    what the layout leaves ambiguous.
     """
     best = _detected(source)
     if source.doubt:
@@ -145,12 +132,14 @@ def orient(source: SceneSource, scene: config.Scene) -> Orientation:
     if scene.flip != "auto" or (scene.transpose != "auto" and turn != best.turn):
         best = Orientation(
             turn=turn,
-            by="override",
+            by=OrderSource.OVERRIDE,
             reason=f"set by scene.flip or scene.transpose; without that: {best.reason}",
             undecided=source.doubt,
             detected=best.turn,
         )
-    unknown = best.depth is None and best.by != "nothing" and source.rows * source.cols > 1
+    unknown = (
+        best.depth is None and best.by is not OrderSource.NOTHING and source.rows * source.cols > 1
+    )
     return attrs.evolve(best, depth=_depth(source, best)) if unknown else best
 
 
@@ -173,7 +162,7 @@ def _depth(source: SceneSource, order: Orientation) -> Depth | None:
 def _detected(source: SceneSource) -> Orientation:
     """Orientation without the user's setting."""
     if source.rows * source.cols == 1:
-        return Orientation(turn=GridTransform(), by="layout", reason="there is one view")
+        return Orientation(turn=GridTransform(), by=OrderSource.LAYOUT, reason="there is one view")
     if source.turn is None:
         return _by_flow(source)
     truth = None if source.rendered else _by_truth(source)
@@ -182,10 +171,10 @@ def _detected(source: SceneSource) -> Orientation:
             f"{source.turn_by}, but true disparity lands on the neighbouring views only when turned"
             " otherwise"
         )
-        return Orientation(turn=truth, by="truth", reason=reason)
+        return Orientation(turn=truth, by=OrderSource.TRUTH, reason=reason)
     stated = Orientation(
         turn=source.turn,
-        by="layout" if source.coordinates is None else "coordinates",
+        by=OrderSource.LAYOUT if source.coordinates is None else OrderSource.COORDINATES,
         reason=source.turn_by,
     )
     if truth is not None or source.turn_firm:
@@ -200,7 +189,7 @@ def _detected(source: SceneSource) -> Orientation:
         )
     depth_inverted = attrs.evolve(source.turn, rows=not source.turn.rows, cols=not source.turn.cols)
     proven = (
-        by_flow.by == "flow"
+        by_flow.by is OrderSource.FLOW
         and min(source.rows, source.cols) > 1
         and by_flow.turn != depth_inverted
     )
@@ -217,8 +206,8 @@ def _detected(source: SceneSource) -> Orientation:
 
 
 def _by_truth(source: SceneSource) -> GridTransform | None:
-    """The turn under which the true map of the middle view matches its neighbours best; the
-    layout's if no other one is clearly better; None without a map.
+    """The transform under which the true map of the middle view matches its neighbours best; the
+    layout's unless another one is clearly better; None without a map.
     """
     row, col = source.middle
     inside = (
@@ -254,7 +243,7 @@ def _by_flow(source: SceneSource) -> Orientation:
     def unknown(reason: str, what: str = "the order of the views") -> Orientation:
         return Orientation(
             turn=GridTransform(),
-            by="nothing",
+            by=OrderSource.NOTHING,
             reason=reason,
             undecided=f"{what}; {_TURN_HELP}; {_DEPTH_HELP}",
             depth_order_sure=False,
@@ -264,7 +253,7 @@ def _by_flow(source: SceneSource) -> Orientation:
         return unknown("the views are too small for optical flow")
     grey = grey_views(source)
     across, down = (
-        examine_axis(lambda k, line=line: grey(*line[k]), len(line))  # type: ignore[misc]
+        measure_axis(lambda k, line=line: grey(*line[k]), len(line))  # type: ignore[misc]
         for line in present_lines(source)
     )
     moving = [axis for axis in (across, down) if axis is not None and axis.along_px > MIN_PX]
@@ -295,25 +284,25 @@ def _by_flow(source: SceneSource) -> Orientation:
         (axis.right, axis.wrong)[::sign] for axis, sign in zip(moving, (1, relative), strict=False)
     ]
     right, wrong = (sum(side) for side in zip(*votes, strict=True))
-    verdict = hides(right, wrong)
-    if verdict:
+    sign = hides(right, wrong)
+    if sign:
         reason += f"; near surfaces hide far ones in {max(right, wrong)} of {right + wrong} places"
     else:
         undecided = "; ".join(filter(None, (undecided, _DEPTH_HELP)))
-    turn = GridTransform((verdict or 1) * relative < 0, verdict < 0, transpose)
+    turn = GridTransform((sign or 1) * relative < 0, sign < 0, transpose)
     depth = moving[0].disparity * np.float32(source.width_px / moving[0].disparity.shape[1])
     return Orientation(
         turn=turn,
-        by="flow",
+        by=OrderSource.FLOW,
         reason=reason,
         undecided=undecided,
-        depth_order_sure=bool(verdict),
+        depth_order_sure=bool(sign),
         depth=depth_range(depth),
     )
 
 
-def examine_axis(view: Callable[[int], Grey], count: int) -> Axis | None:
-    """Evidence from the views view(0) ..
+def measure_axis(view: Callable[[int], Grey], count: int) -> Axis | None:
+    """Measurements from the views view(0) ..
 
     view(count - 1) along one axis of the grid; None if there are fewer than two.
     """
@@ -367,7 +356,7 @@ def same_way(a: Axis, b: Axis) -> float:
         return 0.0
     varied = min(first.std(), second.std()) >= 1e-6
     alike = float(np.corrcoef(first, second)[0, 1]) if varied else 0.0
-    # A flat wall has nothing to correlate, but it moves as one, by the same amount along both axes.
+    # A flat wall has nothing to correlate; it moves as one, equally along both axes.
     if abs(alike) < 0.5 and all(abs(v.mean()) > max(0.3, 3 * v.std()) for v in (first, second)):
         ratio = float(first.mean() / second.mean())
         return math.copysign(0.9, ratio) if 0.5 < abs(ratio) < 2 else alike

@@ -31,12 +31,11 @@ from lfpipe.files.untrusted import json_fields
 from lfpipe.host.file_lock import lock_open
 from lfpipe.host.files import reserve
 from lfpipe.scene.inverted_depth import shown_as
-from lfpipe.scene.lightfield import VERSION, LightField, Manifest
+from lfpipe.scene.lightfield import VERSION, DisparitySource, LightField, Manifest
 
 VIEWS, DISPARITY, MANIFEST = "views.npy", "disparity.npy", "manifest.json"
 INTERIM = "interim.npy"  # while the disparity is estimated
 FILES = (VIEWS, DISPARITY, MANIFEST, INTERIM)
-_MAX_BYTES = 16 << 20  # of a manifest: that of 20,000 views with their offsets has about 1 MB
 
 
 class DamagedPackError(UserError):
@@ -79,7 +78,8 @@ def read_manifest(folder: Path) -> Manifest:
     Raises DamagedPackError if it is missing, changed or of another version.
     """
     with _reading(folder):
-        manifest = json_fields(read_bytes(folder / MANIFEST, _MAX_BYTES), MANIFEST, "").values
+        # the manifest of 20,000 views with their offsets has about 1 MB
+        manifest = json_fields(read_bytes(folder / MANIFEST, 16 << 20), MANIFEST, "").values
         if manifest.get("version") != VERSION:
             raise ValueError(f"it has another version; this lfpipe reads version {VERSION}")
         if manifest.get("checksum") != _checksum(manifest):
@@ -152,7 +152,7 @@ def light_field(folder: Path, manifest: Manifest) -> LightField:
     Raises OSError, ValueError and others for what lfpipe did not write.
     """
     disparity = None
-    if manifest.complete and manifest.disparity.source != "none":
+    if manifest.complete and manifest.disparity.source is not DisparitySource.NONE:
         disparity = _mapped(folder / DISPARITY, manifest.disparity_shape, np.int8)
     return LightField.of(
         manifest,

@@ -33,10 +33,9 @@ from lfpipe.files.decoding import fit_area
 from lfpipe.host.files import is_dir
 from lfpipe.host.worker import Report, serve
 from lfpipe.scene import layouts
+from lfpipe.scene.analysis import analyse_scene
 from lfpipe.scene.cache import cache_dir, cache_root, packed
-from lfpipe.scene.contact_sheet import stored_view
 from lfpipe.scene.demo import named_scene
-from lfpipe.scene.examination import examine_scene
 from lfpipe.scene.info import scene_manifest
 from lfpipe.scene.open_scene import PackerRequest
 from lfpipe.scene.pack import open_pack, summarize
@@ -44,7 +43,6 @@ from lfpipe.scene.packing import Score, pack_scene
 from lfpipe.scene.recent_scenes import remember_scene
 from lfpipe.scene.source import SceneSource
 
-NICE = 15  # below everything that draws
 PREVIEW_PX = (320, 240)  # at most
 PREVIEW_BYTES = 45_000  # a control message has room for this
 # the first that fits: lossless, for people's pictures, and for noise
@@ -54,7 +52,6 @@ PREVIEW_FORMATS: tuple[tuple[str, tuple[int, ...]], ...] = (
     (".jpg", (cv2.IMWRITE_JPEG_QUALITY, 25)),
 )
 MEMORY_BYTES = 1 << 30  # mapped files do not count
-MAX_ENTRIES = 1000  # entries of a folder to examine
 
 
 class _LogOfParent(logging.Handler):
@@ -83,7 +80,7 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
 
     def views_ready(pack: Path) -> None:
         with contextlib.suppress(OSError):
-            os.nice(NICE)  # from now on it works beside the session that shows the pack
+            os.nice(15)  # from now on it works beside the session that shows the pack
         report(summary=attrs.asdict(summarize(open_pack(pack, settings.invert_depth))))
 
     if asked.do == "previews":
@@ -91,7 +88,7 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
             report(preview=str(path), data=_preview(path, settings))
         return {}
     if asked.do == "info":
-        return attrs.asdict(scene_manifest(examine_scene(paths[0], settings)))
+        return attrs.asdict(scene_manifest(analyse_scene(paths[0], settings)))
     if asked.expand:
         paths = playlist(paths, settings)
         report(scenes=[str(path) for path in paths])
@@ -128,7 +125,7 @@ def playlist(paths: Iterable[Path], settings: Scene) -> list[Path]:
         own = _light_field_at(path, settings)
         if is_dir(path) and (own is None or len(own.files) == 1):
             with contextlib.suppress(OSError):
-                inside = sorted(path.iterdir())[:MAX_ENTRIES]
+                inside = sorted(path.iterdir())[:1000]
         sources = {
             entry: _light_field_at(entry, settings)
             for entry in inside
@@ -171,7 +168,8 @@ def _preview(path: Path, settings: Scene) -> str:
 def _middle_view(path: Path, settings: Scene) -> NDArray[np.floating[Any]]:
     """A scene's middle view, RGB, 0 to 1: from its pack, or else from its pictures."""
     if (field := packed(path, settings)) is not None:
-        return stored_view(field, field.rows // 2, field.cols // 2).astype(np.float32) / 255
+        planes = field.views[0, field.rows // 2, field.cols // 2]
+        return np.repeat(np.moveaxis(planes, 0, -1), 3 // len(planes), axis=2) / 255
     source = layouts.describe(named_scene(path, cache_dir(settings)), settings)
     view = source.read(0, *source.middle) / source.max_value
     return np.asarray(np.clip(view, 0, 1) ** (1 / 2.2 if source.linear else 1.0))

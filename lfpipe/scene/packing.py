@@ -22,6 +22,15 @@ from lfpipe.errors import plain
 from lfpipe.host import file_lock
 from lfpipe.host.processes import usable_cores
 from lfpipe.scene import cache
+from lfpipe.scene.analysis import (
+    STRIP_ROWS,
+    AnalysedScene,
+    FrameIndex,
+    analyse_source,
+    checked_source,
+    is_grey,
+)
+from lfpipe.scene.classification import best_method
 from lfpipe.scene.disparity import (
     border_range,
     compared,
@@ -35,16 +44,14 @@ from lfpipe.scene.disparity import (
     stored_map,
     view_disparity,
 )
-from lfpipe.scene.examination import (
-    STRIP_ROWS,
-    Examined,
-    FrameIndex,
-    checked_source,
-    examine_source,
-    is_grey,
-)
 from lfpipe.scene.files import library_errors
-from lfpipe.scene.lightfield import UNKNOWN, Disparity, LightField, Manifest
+from lfpipe.scene.lightfield import (
+    UNKNOWN,
+    Disparity,
+    DisparitySource,
+    LightField,
+    Manifest,
+)
 from lfpipe.scene.missing_views import fill_missing, nearest_present
 from lfpipe.scene.optical_flow import SMALLEST_PX
 from lfpipe.scene.pack import (
@@ -58,17 +65,14 @@ from lfpipe.scene.pack import (
     write_manifest,
 )
 from lfpipe.scene.source import Progress
-from lfpipe.scene.verdict import best_method
 
 T = TypeVar("T")
 # PSNR in dB of held-out views of a packed light field by method
 Score = Callable[[LightField], dict[str, float]]
-FIRST_VIEWS = 5  # the middle and its neighbours: a viewer begins in the middle of the grid
 _ROOM_BYTES = 200_000_000  # for views that are worked on at the same time
 _INTERIM_PX = 1 / 64  # step of the interim int16 maps, until the range of the whole scene is known
 _UNKNOWN = -32768  # in the interim maps: UNKNOWN
 _NO_LIMIT_PX = 400.0  # larger values in a map are impossible between neighbours
-_WORKING_BYTES = 100  # memory per px of a view while its disparity is estimated
 
 
 def pack_scene(
@@ -104,7 +108,7 @@ def pack_scene(
             root / "locks" / key, lambda: progress("waiting for another packer", 0, 1)
         ):
             if cache.usable(folder, settings, complete=True) is None:
-                scene = examine_source(source, settings)
+                scene = analyse_source(source, settings)
                 try:
                     _write_views(scene, folder, can_be_shown, progress)
                 except NotGreyError:
@@ -115,7 +119,7 @@ def pack_scene(
             return open_pack(folder, settings.invert_depth)
 
 
-def manifest_of(scene: Examined, key: str = "") -> Manifest:
+def manifest_of(scene: AnalysedScene, key: str = "") -> Manifest:
     """The manifest of a pack without disparity.
 
     Its range is that of the few views that were compared.
@@ -154,10 +158,12 @@ def manifest_of(scene: Examined, key: str = "") -> Manifest:
 
 
 class NotGreyError(Exception):
-    """A view has colour although the examined ones had none."""
+    """A view has colour although the analysed ones are grey."""
 
 
-def _view_writer(scene: Examined, out: Callable[[], NDArray[Any]]) -> Callable[[FrameIndex], None]:
+def _view_writer(
+    scene: AnalysedScene, out: Callable[[], NDArray[Any]]
+) -> Callable[[FrameIndex], None]:
     """A function that decodes one view into the array that out() maps; it raises UserError, and
     NotGreyError if the view has colour but the pack has no planes for it.
     """
@@ -181,11 +187,11 @@ def _view_writer(scene: Examined, out: Callable[[], NDArray[Any]]) -> Callable[[
 
 
 def _write_views(
-    scene: Examined, folder: Path, can_be_shown: Callable[[], None], progress: Progress
+    scene: AnalysedScene, folder: Path, can_be_shown: Callable[[], None], progress: Progress
 ) -> None:
-    """Writes the views of a new pack, those nearest to the middle of the grid first; places without
-    a view get a copy of the nearest one. The manifest, without which it is no pack, comes with the
-    first views, and then can_be_shown is called.
+    """Writes the views of a new pack, those nearest to the middle of the grid first; missing ones
+    get a copy of the nearest view. Writes the manifest after the first views and calls
+    can_be_shown.
     """
 
     def away(place: FrameIndex) -> float:
@@ -196,7 +202,8 @@ def _write_views(
 
     views = sorted(scene.views, key=away)
     written = np.zeros_like(scene.present)
-    first = min(len(views), FIRST_VIEWS) if scene.source.frames == 1 else len(views)
+    # the middle and its neighbours: a viewer begins in the middle of the grid
+    first = min(len(views), 5) if scene.source.frames == 1 else len(views)
     item_bytes = 6 * scene.source.height_px * scene.source.width_px
     with cache.writing(folder.parents[1]):
         cache.clear(folder)  # a killed packer's
@@ -221,7 +228,7 @@ def _write_views(
         raise
 
 
-def _complete(scene: Examined, folder: Path, score: Score, progress: Progress) -> None:
+def _complete(scene: AnalysedScene, folder: Path, score: Score, progress: Progress) -> None:
     """Writes the disparity of a pack with views; the manifest that announces it comes last."""
     with cache.writing(folder.parents[1]):
         disparity = write_disparity(scene, folder, progress)
@@ -262,7 +269,7 @@ def run_parallel(
         cv2.setNumThreads(threads)
 
 
-def write_disparity(scene: Examined, folder: Path, progress: Progress) -> Disparity:
+def write_disparity(scene: AnalysedScene, folder: Path, progress: Progress) -> Disparity:
     """Writes disparity.npy into the folder of a pack with views; returns its entry in the manifest.
 
     min_px and max_px are those of the truth if there is any ("source"), else robust extremes of the
@@ -291,7 +298,7 @@ def write_disparity(scene: Examined, folder: Path, progress: Progress) -> Dispar
 
 
 def _estimate(
-    scene: Examined,
+    scene: AnalysedScene,
     views: Callable[[], NDArray[Any]],
     interim: Callable[[], NDArray[Any]],
     progress: Progress,
@@ -337,7 +344,7 @@ def _estimate(
     run_parallel(
         estimate,
         scene.views,
-        _WORKING_BYTES * source.height_px * source.width_px,
+        100 * source.height_px * source.width_px,  # bytes per px while it is estimated
         lambda done: progress("disparity", done, len(scene.views)),
     )
     spans = np.array(list(ranges.values()))
@@ -349,5 +356,8 @@ def _estimate(
         low = min(span[0] for span in true_ranges)
         high = max(span[1] for span in true_ranges)
     return Disparity(
-        source="truth" if true_ranges else "estimated", scale_px=scale, min_px=low, max_px=high
+        source=DisparitySource.TRUTH if true_ranges else DisparitySource.ESTIMATED,
+        scale_px=scale,
+        min_px=low,
+        max_px=high,
     )

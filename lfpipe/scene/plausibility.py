@@ -1,4 +1,4 @@
-"""Examines a few small pictures before all of them are packed: whether they form a light field, and
+"""Measures a few small views before all of them are packed: whether they form a light field, and
 whether anything moves between them.
 """
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
+from lfpipe.scene.classification import EXPLAINED, Measurements, SceneKind
 from lfpipe.scene.optical_flow import (
     FloatMap,
     Grey,
@@ -24,7 +25,6 @@ from lfpipe.scene.optical_flow import (
     textured,
 )
 from lfpipe.scene.source import GridTransform, SceneSource
-from lfpipe.scene.verdict import EXPLAINED, Evidence
 
 log = logging.getLogger(__name__)
 
@@ -35,14 +35,10 @@ _OFF_PX = 0.5  # from a common motion: what is off by more is near, and counts l
 _REFOCUSED = 4.0  # ratio of the sharpest to the least sharp picture of a block, in a focal stack
 _ROUND = 1.3  # ratio of motion left in the two directions: below it, there is no direction
 _REACH, _FEWEST_POINTS = 8, 100  # views from the middle; pixels to fit motion to
-_BLOCKS = 8  # along the shorter side
 # views; pixels that move between them; share of these seen half-way round
 _SHORTEST_CIRCLE, _FEWEST_PX, _STAYS = 8, 200, 0.5
 _CLOSING = 2.0  # step from the last view to the first over that from the first to the second
-_AROUND, _ROUNDNESS = 12, 0.3  # views of a circle to examine; least over most of its radius
-_NEARLY_ALL = 97  # percentile of the motion that counts
-# blocks that are looked for in the other view of a pair, along the width and the height
-_BLOCK_ROWS, _BLOCK_COLS = 6, 8
+_ROUNDNESS = 0.3  # shortest over longest radius of a circle
 # correlation of a block that was found, and its lead on the second best place
 _FOUND, _LEADS = 0.75, 0.08
 _FEWEST_BLOCKS, _MISSED = 6, 0.4  # found blocks; share of them that the flow misses
@@ -130,7 +126,7 @@ def _moved_px(detail: Mask, ahead: FloatMap, confirmed: Mask) -> float:
     sure = confirmed & detail
     if np.count_nonzero(sure) < max(_FEWEST_POINTS, 0.5 * np.count_nonzero(detail)):
         return np.inf
-    return float(np.percentile(np.hypot(*ahead[sure].T), _NEARLY_ALL))
+    return float(np.percentile(np.hypot(*ahead[sure].T), 97))
 
 
 def _found(a: Grey, b: Grey, y: int, x: int, side: int) -> tuple[int, int] | None:
@@ -155,8 +151,8 @@ def _blocks(a: Grey, b: Grey, ahead: FloatMap) -> tuple[float, float] | None:
     height, width = a.shape
     side = min(height, width) // 7
     moves, missed = [], []
-    for y in np.linspace(side // 2, height - side - side // 2, _BLOCK_ROWS).astype(int).tolist():
-        for x in np.linspace(0, width - side, _BLOCK_COLS).astype(int).tolist():
+    for y in np.linspace(side // 2, height - side - side // 2, 6).astype(int).tolist():
+        for x in np.linspace(0, width - side, 8).astype(int).tolist():
             there = _found(a, b, y, x, side) if a[y : y + side, x : x + side].std() > 8 else None
             back = there and _found(b, a, *there, side)
             if not there or not back or max(abs(back[0] - y), abs(back[1] - x)) > 2:
@@ -171,14 +167,14 @@ def _blocks(a: Grey, b: Grey, ahead: FloatMap) -> tuple[float, float] | None:
     return float(low) / width, float(high) / width
 
 
-def _pair(a: Grey, b: Grey) -> Evidence:
+def _pair(a: Grey, b: Grey) -> Measurements:
     """As `_triple`, for two views: one predicted from the other, and the share of its detail found
     there.
     """
     ahead, confirmed = returned_flow(a, b)
     detail = textured(a)
     explained = float(confirmed[detail].mean()) if detail.any() else 1.0
-    return Evidence(
+    return Measurements(
         held_out_db=cv2.PSNR(displaced(b, ahead), a),
         explained=explained,
         moved_px=_moved_px(detail, ahead, confirmed),
@@ -198,7 +194,7 @@ def _unsteady(
     )
 
 
-def _triple(before: Grey, middle: Grey, after: Grey) -> Evidence:
+def _triple(before: Grey, middle: Grey, after: Grey) -> Measurements:
     """PSNR of the middle view predicted from the others, and the share of its detail that one
     disparity explains.
     """
@@ -212,21 +208,21 @@ def _triple(before: Grey, middle: Grey, after: Grey) -> Evidence:
     held_out = cv2.PSNR(predicted[inner], middle[inner].astype(np.float32))
     detail = textured(middle)
     if not detail.any():
-        return Evidence(held_out_db=held_out, explained=1.0, moved_px=moved_px)
+        return Measurements(held_out_db=held_out, explained=1.0, moved_px=moved_px)
     to_before, to_after = (flow(middle, other)[detail] for other in (before, after))
     y, x = np.nonzero(detail)
     along, beside = (to_after[:, k] for k in ((0, 1) if sideways else (1, 0)))
     off = np.hypot(*(_unsteady(x, y, (to_before + to_after)[:, k]) for k in (0, 1)))
     loose = _LOOSE_PX + _LOOSE_SHARE * np.abs(along)
     explained = float(((off < loose) & (np.abs(_unsteady(x, y, beside)) < loose)).mean())
-    return Evidence(held_out_db=held_out, explained=explained, moved_px=moved_px)
+    return Measurements(held_out_db=held_out, explained=explained, moved_px=moved_px)
 
 
 def _refocused(views: list[Grey]) -> float:
     """Median over textured blocks of the sharpest over the least sharp picture; 1 if all blocks are
     sharpest in the same one.
     """
-    side = max(8, min(views[0].shape) // _BLOCKS)
+    side = max(8, min(views[0].shape) // 8)
     sharp = []
     for view in views:
         detail = np.square(cv2.Laplacian(view, cv2.CV_32F, ksize=3))
@@ -249,9 +245,9 @@ def _refocused(views: list[Grey]) -> float:
 
 
 def _is_circle(line: list[Grey]) -> str:
-    """How a line of views is a circle, "" if it is none: its last view is a neighbour of the first
-    one, and what moves to the second view comes from there while the middle view shows the other
-    side, or the camera's path goes round.
+    """Why a line of views is a circle, "" if it is none: the last view is a neighbour of the first
+    one, and either the middle view shows the other side of the scene or the camera's path is
+    closed.
     """
     first, second, middle, last = (line[k] for k in (0, 1, len(line) // 2, -1))
     detail = textured(first)
@@ -277,7 +273,7 @@ def _goes_round(line: list[Grey]) -> bool:
     """Whether the camera's path goes once round its middle: all that is still moves by one path,
     the nearer the more, so that is the first principal motion.
     """
-    chosen = sorted({round(at) for at in np.linspace(1, len(line) - 1, _AROUND)})
+    chosen = sorted({round(at) for at in np.linspace(1, len(line) - 1, 12)})
     use = textured(line[0])
     flows = []
     for k in chosen:
@@ -299,8 +295,8 @@ def _goes_round(line: list[Grey]) -> bool:
     return bool(winds and distance.min() > _ROUNDNESS * distance.max())
 
 
-def gather_evidence(source: SceneSource) -> Evidence | None:
-    """Evidence from a few small views; None if there are too few, or they are too small."""
+def measure_views(source: SceneSource) -> Measurements | None:
+    """Measurements from a few small views; None if there are too few, or they are too small."""
     if min(source.height_px, source.width_px) < _SMALLEST_PX:
         return None
     grey: Callable[[int, int], Grey] = grey_views(source)
@@ -313,7 +309,7 @@ def gather_evidence(source: SceneSource) -> Evidence | None:
         ]
         if not pairs:
             return None
-        return Evidence.median(
+        return Measurements.median(
             pairs,
             moved_px=max(pair.moved_px for pair in pairs),
             missed_motion=pairs[0].missed_motion if len(pairs) == 1 else None,
@@ -341,43 +337,44 @@ def gather_evidence(source: SceneSource) -> Evidence | None:
     if moved_px < _STILL_PX:  # between neighbours: perhaps more from one end to the other
         ends = [(grey(*line[0]), grey(*line[-1])) for line in lines]
         moved_px = max(_moved_px(textured(a), *returned_flow(a, b)) for a, b in ends)
-    return Evidence.median(triples, change=change, moved_px=moved_px)
+    return Measurements.median(triples, change=change, moved_px=moved_px)
 
 
-def plausible(source: SceneSource, force: bool) -> tuple[SceneSource, Evidence | None]:
-    """The source with what a few views say of it, and their evidence. Pictures between which
-    nothing moves become one view. If it is no light field, raises UserError, or with `force` adds a
-    doubt; what its format proves to be one is not refused.
+def plausible(source: SceneSource, force: bool) -> tuple[SceneSource, Measurements | None]:
+    """The source, checked by measurements of a few views, and the measurements. Pictures between
+    which nothing moves become one view. Raises UserError for what is no light field; `force`, or a
+    format that defines a light field, only notes it.
     """
-    evidence = (
-        gather_evidence(source) if not source.certain or source.rows * source.cols == 2 else None
+    measured = (
+        measure_views(source) if not source.certain or source.rows * source.cols == 2 else None
     )
-    if evidence is None:
+    if measured is None:
         return source, None
     log.info(
         "%s: quality when predicting views from their neighbours %.1f dB; one disparity explains"
         " the motion of %.0f%% of the detail; motion up to %.1f px",
         source.path,
-        evidence.held_out_db,
-        100 * evidence.explained,
-        evidence.moved_px,
+        measured.held_out_db,
+        100 * measured.explained,
+        measured.moved_px,
     )
-    verdict = evidence.verdict
-    if verdict.kind == "light field" or (verdict.kind == "no light field" and source.certain):
-        return source, evidence
-    if verdict.kind == "no light field" and not force:
+    found = measured.classification
+    refused = found.kind is SceneKind.NOT_A_LIGHT_FIELD
+    if found.kind is SceneKind.LIGHT_FIELD or (refused and source.certain):
+        return source, measured
+    if refused and not force:
         grid = f"{source.rows}x{source.cols} views of layout {source.layout}"
         anyway = "open it all the same with --set scene.force=true"
         if len(source.files) > 1:
             anyway = (
                 f"give the folder of one scene, or one of the pictures: {source.files[0]}; {anyway}"
             )
-        raise UserError(f"{source.path}: {verdict.reason} (read as {grid})", anyway)
-    if verdict.kind == "one view":
+        raise UserError(f"{source.path}: {found.reason} (read as {grid})", anyway)
+    if found.kind is SceneKind.ONE_VIEW:
         source = _as_one(source)
     return attrs.evolve(
-        source, doubt="; ".join(filter(None, (source.doubt, verdict.reason)))
-    ), evidence
+        source, doubt="; ".join(filter(None, (source.doubt, found.reason)))
+    ), measured
 
 
 def _as_one(source: SceneSource) -> SceneSource:

@@ -43,7 +43,7 @@ def remember_scene(path: Path) -> None:
 
 
 def forget_scene(path: Path) -> None:
-    """Takes a scene off the list; its files stay."""
+    """Removes a scene from the list; its files stay."""
     _write([scene for scene in _read() if scene != path])
 
 

@@ -1,4 +1,4 @@
-"""A scene on disk as its layout describes it, before it is turned or packed."""
+"""A scene on disk as its layout describes it, before it is reordered or packed."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -17,14 +17,11 @@ ViewIndex = tuple[int, int]  # (row, column)
 
 @attrs.frozen
 class Geometry:
-    """Known facts of the capture; None if the source does not state them.
-
-    focal_length_px is of a stored view.
-    """
+    """Parameters of the capture; None if the source does not state them."""
 
     baseline_mm: float | None = None
     focus_distance_mm: float | None = None
-    focal_length_px: float | None = None
+    focal_length_px: float | None = None  # of a stored view
 
 
 @attrs.frozen
@@ -55,58 +52,41 @@ class GridTransform:
 
 @attrs.frozen(eq=False, kw_only=True)
 class SceneSource:
-    """A scene on disk as its layout describes it. Rows and columns here are in FILE order.
-
-    read(frame, row, col): one view, (h, w) or (h, w, 3) RGB, uint8 or uint16 up to max_value; may
-    be called from
-        several threads; raises UserError that names the file.
-    small: one view in grey, uint8 (h, w), from (row, col, px): with at least that many px where it
-    has them, quicker than read.
-    missing: indices without a view. files: everything that read and truth read from, for the
-    content key.
-    turn: the way to canonical order where the layout or its coordinates define it, with the reason
-    in turn_by; else None.
-        turn_firm: False where scenes of this layout with another order exist, so that clear flow
-        overrides it.
-    coordinates: float64 (rows, cols, 2), where each camera stood, (down, right) in any one unit, or
-    None.
-    truth: true disparity by file index, as functions that read float32 (h, w) in px per canonical
-    grid step, positive
-        nearer, and hold with `turn` (no turn where that is None).
-    rendered: views and truth are computed from one picture and agree: nothing to check or to
-    estimate.
-    stated_depth_order: as scene.invert_depth, from `lightfield.toml`.
-    linear: the values are linear light. doubt: what the layout leaves open, "" for nothing.
-    certain: whether the format says that this is a light field; False where names or a look at a
-    picture suggest it.
-    notes: for people, one sentence each.
-    """
+    """A scene on disk as its layout describes it. Rows and columns are in FILE order."""
 
     layout: str
     path: Path
-    files: tuple[Path, ...]
+    files: tuple[Path, ...]  # every file that `read` and `truth` read, for the content key
     rows: int
     cols: int
     read: Callable[[int, int, int], NDArray[Any]]
+    """(frame, row, col) -> a view, (h, w) or (h, w, 3) RGB, uint8 or uint16 up to max_value.
+    Thread-safe. Raises UserError that names the file."""
     height_px: int
     width_px: int
     max_value: int = 255
     small: Callable[[int, int, float], NDArray[np.uint8]] | None = None
+    """(row, col, px) -> a view in grey, uint8 (h, w), of at least that many px where it has them;
+    faster than `read`"""
     frames: int = 1
     frame_rate_hz: float = 0.0
-    missing: frozenset[tuple[int, int]] = frozenset()
+    missing: frozenset[tuple[int, int]] = frozenset()  # grid indices without a view
     turn: GridTransform | None = None
-    turn_by: str = ""
-    turn_firm: bool = True
+    """to canonical order, if the layout or camera coordinates define it"""
+    turn_by: str = ""  # what defines `turn`
+    turn_firm: bool = True  # False: clear optical flow overrides `turn`
     coordinates: NDArray[np.float64] | None = None
+    """(rows, cols, 2): camera positions, (down, right) in any one unit"""
     truth: Mapping[tuple[int, int], Callable[[], NDArray[np.float32]]] = attrs.field(factory=dict)
-    rendered: bool = False
+    """true disparity by file index: functions that read float32 (h, w), px per canonical grid step,
+    positive: nearer. They hold with `turn`."""
+    rendered: bool = False  # views and truth are computed from one picture: no check, no estimate
     geometry: Geometry = attrs.field(factory=Geometry)
-    linear: bool = False
-    doubt: str = ""
-    stated_depth_order: str = "auto"
-    certain: bool = True
-    notes: tuple[str, ...] = ()
+    linear: bool = False  # the values are linear light
+    doubt: str = ""  # what the layout leaves ambiguous, "" for nothing
+    stated_inverted: bool | None = None  # scene.invert_depth in `lightfield.toml`; None: "auto"
+    certain: bool = True  # the format defines a light field; False: names or pictures suggest it
+    notes: tuple[str, ...] = ()  # for people, one sentence each
 
     def __attrs_post_init__(self) -> None:
         """Raises ValueError for a scene without a view or pixels."""
@@ -138,15 +118,11 @@ class SceneSource:
 
 @attrs.frozen
 class Layout:
-    """One of the formats in which light fields come. A module that defines these three names is a
-    layout, too.
+    """A format of light fields. A module that defines these three names is a layout, too."""
 
-    NAME: as `--layout` takes it. detect: how specific the match is, by names (and a glance at one
-    picture) alone: 90 for a format that says what it is, 50 for a pattern of names, 10 for a last
-    resort; None where it is not this layout. describe: the scene, by the user's settings; raises
-    UserError.
-    """
-
-    NAME: str
+    NAME: str  # as `--layout` takes it
     detect: Callable[[Listing], int | None]
+    """How specific the match is, from names and a look at one picture: 90 for a format that names
+    itself, 50 for a pattern of names, 10 for a last resort; None for no match."""
     describe: Callable[[Listing, config.Scene], SceneSource]
+    """The scene, by the user's settings. Raises UserError."""

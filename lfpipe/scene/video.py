@@ -19,7 +19,6 @@ from lfpipe.host.files import proc_fd_path
 OPENING_BYTES = 200_000_000  # memory limit of a decoder before the frame size is known
 FRAME_BYTES_PX = 20  # memory limit per pixel afterwards; measured: 6 to 15 with FFV1, MPEG-4, VP9
 MAX_FRAME_PX = 22_000_000  # 9x9 views of 512x512; OpenCV holds a frame three times
-MAX_FRAMES = 1_000_000  # nine hours at 30 Hz
 USUAL_RATE_HZ = 25.0  # for a video without a rate
 _REMEDY = "play it with another program, or export it again"
 
@@ -53,7 +52,8 @@ class Video:
         rate_hz = self._capture.get(cv2.CAP_PROP_FPS)
         self.frames = 0
         self.rate_hz = rate_hz if 0.1 <= rate_hz <= 1000 else USUAL_RATE_HZ
-        while self.frames < MAX_FRAMES and self._capture.grab():
+        # nine hours at 30 Hz
+        while self.frames < 1_000_000 and self._capture.grab():
             self.frames += 1
         if not self.frames:
             raise UserError(f"{path}: no frame of this video can be decoded", "export it again")

@@ -18,7 +18,6 @@ from lfpipe.transport.control import Message
 
 logger = logging.getLogger(__name__)
 CHECK_S = 10.0  # time limit of a check: a network drive or name server may be dead
-MAX_WAITING = 16  # requests to write, one after the other
 
 
 @attrs.frozen
@@ -44,7 +43,7 @@ class FileChecks(Service):
         """Starts a check. Raises UserError if another one of that command runs."""
         if request.command not in self._running:
             self._start(request, check)
-        elif check.writes and len(self._waiting) < MAX_WAITING:
+        elif check.writes and len(self._waiting) < 16:
             self._waiting.append((request, check))
         else:
             raise UserError(

@@ -17,7 +17,6 @@ from lfpipe.transport.histogram import Times, summary_ms
 from lfpipe.transport.metrics import MetricSet
 from lfpipe.transport.status import State, busy_work, rate_hz
 
-BUSY_SHOWN_S = 0.5  # shorter work is not shown
 SEATED = "seated"  # the viewer of a session without pictures, while tracking sees a face
 
 
@@ -71,7 +70,7 @@ class StageMetrics:
         pid = int(row["pid"])
         return cls(
             state=State(int(row["state"])).name,
-            busy_with=f"{work}, {since_s:.0f} s" if work and since_s > BUSY_SHOWN_S else "",
+            busy_with=f"{work}, {since_s:.0f} s" if work and since_s > 0.5 else "",
             fps=round(rate_hz(row), 2),
             p50_ms=busy["p50_ms"],
             p95_ms=busy["p95_ms"],

@@ -23,7 +23,6 @@ from lfpipe.transport.control import BadMessage, Message
 logger = logging.getLogger(__name__)
 # keys that make a message an answer or a change of configuration: a client cannot send them on
 RESERVED = frozenset(("ok", "error", "remedy", "config", "options", "number", "rev"))
-MAX_ERROR_CHARS = 2000  # of an answer: parts of the text came from outside
 INTERNAL = {
     "ok": False,
     "error": "internal error",
@@ -79,7 +78,8 @@ class ReplyExecutor:
         if isinstance(error, UserError):
             answer = {"ok": False, "error": error.message, "remedy": error.remedy}
         elif isinstance(error, BadMessage):
-            answer = {"ok": False, "error": plain(str(error), MAX_ERROR_CHARS)}
+            # parts of the text came from outside
+            answer = {"ok": False, "error": plain(str(error), 2000)}
         else:
             stack = "".join(traceback.format_exception(error))
             self._notify(f"internal error while handling a message; the session continues\n{stack}")

@@ -23,7 +23,6 @@ from lfpipe.transport.control import Message
 logger = logging.getLogger(__name__)
 STEP_NS = SECOND_NS // 5  # between two reports of progress
 WANTED, SHOWN = "wanted", "shown"  # scenes: of a request, and on the screen
-MAX_NAME_CHARS = 200  # more than fits a window
 Send = Callable[[Message], None]  # to the stage that shows pictures
 
 
@@ -59,7 +58,7 @@ class _Load:
         self._send(
             {
                 "cmd": "loading",
-                "scene": Path(self.packing.subject).name[:MAX_NAME_CHARS],
+                "scene": Path(self.packing.subject).name[:200],
                 "step": step,
                 "share": 1.0 if end else self.packing.share,
                 "shown": self.request is None,

@@ -94,10 +94,6 @@ class MetricSet:
     def __iter__(self) -> Iterator[Metric]:
         return iter(self._metrics)
 
-    def value_index(self, name: str) -> int:
-        """Where a row holds the value of that name. Raises KeyError if it is not declared."""
-        return {one.name: at for at, one in enumerate(self.values)}[name]
-
     def read(self, record: NDArray[np.void]) -> dict[str, Value]:
         """The metrics in a row of the status table, by their JSON keys."""
         stored = [*zip(self.values, record["values"], strict=False)]

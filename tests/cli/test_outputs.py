@@ -57,7 +57,7 @@ def owned(tmp_path_factory: pytest.TempPathFactory, clip: Path) -> Path:
         ("up views --camera file:me.avi --display file:link.mkv --force", "link.mkv"),
         ("up views --camera demo --display file:fifo.mkv --force", "fifo.mkv"),
         ("up views --camera demo --display file:new.mkv --trace new.mkv", "new.mkv"),
-        ("scene sheet views -o views/view_01_01.png", "view_01_01.png"),
+        ("scene view views --row 0 --col 0 -o views/view_01_01.png", "view_01_01.png"),
         ("scene view views --row 0 --col 0 -o notes.txt", "notes.txt"),
         ("scene view views --row 0 --col 0 -o me.png", "me.png"),
         param("scene export pair views -o me.avi", "me_sbs.avi", marks=with_extras),

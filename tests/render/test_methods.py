@@ -12,10 +12,10 @@ import pytest
 from lfpipe import config
 from lfpipe.render.synthesis.compositor import ViewRenderer
 from lfpipe.render.synthesis.scoring import left_out, psnr_db, scores, thinned
+from lfpipe.scene.classification import best_method
 from lfpipe.scene.disparity import quantised
 from lfpipe.scene.lightfield import UNKNOWN, LightField
 from lfpipe.scene.packing import pack_scene
-from lfpipe.scene.verdict import best_method
 from tests.render import rendered
 from tests.render.difficult import KINDS, scene
 from tests.render.rendered import METHODS

@@ -13,7 +13,7 @@ import numpy as np
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene.examination import examine_scene
+from lfpipe.scene.analysis import analyse_scene
 from lfpipe.scene.files import MAX_FILES
 from tests.scene import heic, made
 from tests.scene.writers import (
@@ -55,18 +55,18 @@ def verdict(case: PeopleSet, path: Path) -> tuple[str, str]:
     "OPENED"; what happened).
     """
     try:
-        examined = examine_scene(path, case.scene)
+        found = analyse_scene(path, case.scene)
     except UserError as error:
         what = f"{error.message} (remedy: {error.remedy})".replace(str(path), "PATH")
         if case.opens:
             return "REFUSED", what
         return ("right" if case.text in what else "WRONG"), what
-    order = examined.orientation
-    rows, cols = order.turn.grid(examined.source.rows, examined.source.cols)
-    opened = f"{examined.source.layout} {rows}x{cols}"
-    size = f"{examined.source.width_px}x{examined.source.height_px} px"
+    order = found.orientation
+    rows, cols = order.turn.grid(found.source.rows, found.source.cols)
+    opened = f"{found.source.layout} {rows}x{cols}"
+    size = f"{found.source.width_px}x{found.source.height_px} px"
     sure = "sure" if order.sure else f"undecided: {order.undecided}"
-    what = "; ".join([opened, size, sure, *examined.source.notes]) + "."
+    what = "; ".join([opened, size, sure, *found.source.notes]) + "."
     if not case.opens:
         return "OPENED", what
     right = opened == case.opens and case.sure in (None, order.sure) and case.text in what

@@ -97,18 +97,6 @@ def test_views_outside_are_refused(
     assert isinstance(refused, UserError) and message in refused.message
 
 
-def test_sheet_shows_all_views_in_canonical_order(
-    shell: Shell, folder: Path, tmp_path: Path
-) -> None:
-    shell.text("sheet", folder, "-o", tmp_path / "s.png")
-    sheet = made.read(tmp_path / "s.png")
-    grid = made.views(5, 5)
-    assert np.array_equal(sheet[4:100, 4:132], grid[0, 0])
-    assert np.array_equal(
-        sheet[4 + 4 * 100 : 4 + 4 * 100 + 96, 4 + 132 : 4 + 132 + 128], grid[4, 1]
-    )
-
-
 LISTED = {"key", "bytes", "name", "source", "layout", "rows", "cols", "frames", "height", "width"}
 LISTED |= {"created"}
 

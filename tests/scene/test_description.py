@@ -6,9 +6,9 @@ import pytest
 
 from lfpipe import config
 from lfpipe.errors import UserError
+from lfpipe.scene.analysis import analyse_scene, checked_source
 from lfpipe.scene.cache import packed
 from lfpipe.scene.description import FILE, describe_folder
-from lfpipe.scene.examination import checked_source, examine_scene
 from lfpipe.scene.packing import pack_scene
 from tests.scene import made
 from tests.support.refusal import refusal
@@ -68,7 +68,7 @@ def test_damaged_file_is_refused_with_a_remedy(
     folder: Path, settings: config.Scene, text: str, named: str
 ) -> None:
     (folder / FILE).write_text(text)
-    error = refusal(examine_scene, folder, settings)
+    error = refusal(analyse_scene, folder, settings)
     assert named in error.message and FILE in error.message
     assert "scene describe" in error.remedy
 

@@ -30,7 +30,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.pictures import read_picture
 from lfpipe.host.limits import MemoryLimit
 from lfpipe.scene import layouts
-from lfpipe.scene.examination import examine_scene
+from lfpipe.scene.analysis import analyse_scene
 from lfpipe.scene.files import read_pfm
 from lfpipe.scene.layouts.named import hci_attributes
 from lfpipe.scene.packer import MEMORY_BYTES
@@ -214,7 +214,7 @@ ATTACKS: dict[str, tuple[Make, str]] = {
 def opened(path: Path, scene: config.Scene) -> str:
     """What lfpipe says of a scene, "" where it opens."""
     try:
-        source = examine_scene(path, scene).source
+        source = analyse_scene(path, scene).source
         for place in {(0, 0), (source.rows // 2, source.cols // 2)} - source.missing:
             assert source.read(0, *place).shape[:2] == (source.height_px, source.width_px)
     except UserError as error:
@@ -361,7 +361,7 @@ def test_things_beside_the_views_do_no_harm(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "notes.txt")
     (tmp_path / "loop").symlink_to("loop")
     (tmp_path / "locked.txt").touch(mode=0)
-    assert examine_scene(tmp_path, config.Scene()).source.rows == 3
+    assert analyse_scene(tmp_path, config.Scene()).source.rows == 3
 
 
 def test_paths_of_any_bytes_work(tmp_path: Path, scene_config: config.Scene) -> None:
@@ -376,7 +376,7 @@ def test_paths_of_any_bytes_work(tmp_path: Path, scene_config: config.Scene) -> 
         )
         written = [make(tmp_path) for make in beside]
         paths = [path.rename(base.with_name(base.name + path.suffix)) for path in written]
-        rows = [examine_scene(path, config.Scene()).source.rows for path in (base, *paths)]
+        rows = [analyse_scene(path, config.Scene()).source.rows for path in (base, *paths)]
         assert rows == [3, 2, 1, 3, 3]
     pack_scene(base, config.Scene(cache_dir=scene_config.cache_dir + os.fsdecode(b"-\xff")))
 

@@ -115,7 +115,7 @@ def test_the_choice_is_remembered_for_the_scene_and_the_setting_wins(
 
 
 @pytest.mark.parametrize(
-    ("right", "wrong", "verdict"),
+    ("right", "wrong", "sign"),
     [
         (67, 0, 1),
         (16, 0, 1),
@@ -128,6 +128,6 @@ def test_the_choice_is_remembered_for_the_scene_and_the_setting_wins(
     ],
 )
 def test_only_an_unmistakable_occlusion_decides_near_and_far(
-    right: int, wrong: int, verdict: int
+    right: int, wrong: int, sign: int
 ) -> None:
-    assert hides(right, wrong) == verdict
+    assert hides(right, wrong) == sign

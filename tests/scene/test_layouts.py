@@ -138,7 +138,7 @@ FORMS: dict[str, tuple[str, Make, np.ndarray]] = {  # layout, files, views in ca
     },
     "a line": ("numbered", numbered(LINE[0], "im_{:03d}.png"), LINE),
     "an upright line": ("numbered", numbered(UPRIGHT[:, 0], "im_{:03d}.png"), UPRIGHT),
-    "lenslets": ("eslf", one("IMG_0001.png", lenslets(in_the_dark(TEN, sides=2))), TEN),
+    "lenslets": ("eslf", one("IMG_0001_eslf.png", lenslets(in_the_dark(TEN, sides=2))), TEN),
     "LFToolbox": ("mat", decoded, made.views(5, 5, 48, 64).astype(np.uint16) * 257),
 }
 

@@ -14,10 +14,11 @@ from hypothesis import strategies as st
 
 from lfpipe import config
 from lfpipe.scene import layouts
-from lfpipe.scene.examination import grid_offsets
+from lfpipe.scene.analysis import grid_offsets
+from lfpipe.scene.classification import SceneKind
 from lfpipe.scene.layouts._grid import coordinate_turn
 from lfpipe.scene.orientation import orient
-from lfpipe.scene.plausibility import gather_evidence
+from lfpipe.scene.plausibility import measure_views
 from lfpipe.scene.source import GridTransform
 from tests.scene import made
 from tests.scene.made import TURNS, as_source, turned
@@ -81,9 +82,9 @@ def test_coordinates_give_the_turn_and_the_jitter(
     canonical = (
         np.stack(np.meshgrid(np.arange(rows), np.arange(cols), indexing="ij"), axis=2) + jitter
     ) * 8.6 + 1000
-    stood = turned(canonical, turn)
-    assert coordinate_turn(stood) == turn
-    offsets = grid_offsets(turn.applied(stood))
+    camera_positions = turned(canonical, turn)
+    assert coordinate_turn(camera_positions) == turn
+    offsets = grid_offsets(turn.applied(camera_positions))
     assert np.abs(offsets).max() < 0.3
     # The regular grid is a fit, so what is left has no mean.
     assert np.abs(offsets.mean(axis=(0, 1))).max() < 1e-5
@@ -110,7 +111,7 @@ def test_sample_scenes_need_no_override(name: str) -> None:
     source = layouts.describe(made.SAMPLES / name, AUTO)
     found = orient(source, AUTO)
     assert (source.layout, source.rows, source.cols, found.turn) == SCENES[name]
-    assert found.depth_order_sure != ("near and far" in found.undecided)
+    assert found.depth_order_sure != ("depth order" in found.undecided)
     # plausible, as is every fourth view of it
     rows, cols = (source.rows + 3) // 4, (source.cols + 3) // 4
     for views in (
@@ -119,8 +120,8 @@ def test_sample_scenes_need_no_override(name: str) -> None:
             source, rows=rows, cols=cols, read=lambda f, r, c: source.read(f, 4 * r, 4 * c)
         ),
     ):
-        evidence = gather_evidence(views)
-        assert evidence is None or evidence.verdict.kind != "no light field"
+        measured = measure_views(views)
+        assert measured is None or measured.classification.kind is not SceneKind.NOT_A_LIGHT_FIELD
     # flow agrees, or says that it does not know
     if name in ("hci_antinous", "stanford_lego_knights_17x17"):
         blind = orient(attrs.evolve(source, turn=None, truth={}, coordinates=None), AUTO)

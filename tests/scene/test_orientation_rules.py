@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe import config
-from lfpipe.scene.orientation import ALIKE, Axis, Orientation, examine_axis, orient, same_way
+from lfpipe.scene.lightfield import OrderSource
+from lfpipe.scene.orientation import ALIKE, Axis, Orientation, measure_axis, orient, same_way
 from lfpipe.scene.source import GridTransform, SceneSource
 from tests.scene import made
 from tests.scene.made import TURNS, turned
@@ -92,15 +93,15 @@ def test_a_flat_wall_moves_as_one_and_by_as_much_along_both_axes(
 def test_an_axis_is_measured_by_what_moves(sideways: bool, px: float) -> None:
     grid = made.views(1, 7, 96, 128, px, px)[0, ..., 1]
     views = grid if sideways else grid.swapaxes(1, 2)
-    found = examine_axis(lambda k: views[k], len(views))
+    found = measure_axis(lambda k: views[k], len(views))
     assert found is not None and found.sideways is sideways
     assert found.along_px == pytest.approx(
         abs(px), rel=0.2, abs=0.1
     ) and found.across_px < 0.1 + 0.1 * abs(px)
     assert np.median(found.disparity[found.reliable]) == pytest.approx(px, rel=0.1)
     assert (
-        examine_axis(lambda k: views[k], 1) is None
-        and examine_axis(lambda k: views[k], 2) is not None
+        measure_axis(lambda k: views[k], 1) is None
+        and measure_axis(lambda k: views[k], 2) is not None
     )
 
 
@@ -175,7 +176,7 @@ ORDERS: dict[str, tuple[SceneSource, dict[str, Any], dict[str, Any], str]] = {
             source(made.wall(5, 5, 96, 128, 4)[::step, ::step]),
             {},
             {"turn": GridTransform(), "depth_order_sure": False},
-            "near and far",
+            "depth order",
         )
         for way, step in (("as it is", 1), ("half-turned", -1))
     },
@@ -250,13 +251,13 @@ def test_order_of_views(kind: str) -> None:
 
 @pytest.mark.parametrize("turn", TURNS, ids=str)
 def test_a_pack_leaves_the_half_turn_to_the_session(turn: GridTransform) -> None:
-    order = Orientation(turn=turn, by="flow", reason="")
+    order = Orientation(turn=turn, by=OrderSource.FLOW, reason="")
     assert order.invert_depth is turn.cols
     assert order.packed == (
         GridTransform(not turn.rows, False, turn.transpose) if turn.cols else turn
     )
     assert order.truth_sign == (-1 if turn.cols else 1)
-    asked = Orientation(turn=turn, by="override", reason="", detected=GridTransform())
+    asked = Orientation(turn=turn, by=OrderSource.OVERRIDE, reason="", detected=GridTransform())
     assert (asked.invert_depth, asked.packed) == (False, turn)
     assert asked.truth_sign == (
         0 if turn.transpose or turn.rows != turn.cols else -1 if turn.cols else 1

@@ -9,7 +9,7 @@ import pytest
 
 from lfpipe import config
 from lfpipe.config import options
-from lfpipe.scene.examination import examine_scene
+from lfpipe.scene.analysis import analyse_scene
 from tests.scene.people_sets import SETS, verdict
 
 CASES = {f"{group}: {case.kind}": case for group, cases in SETS.items() for case in cases}
@@ -40,6 +40,6 @@ def test_a_set_that_people_have_is_read_as_what_it_is(tmp_path: Path, name: str)
     if case.cure is not None:
         cures.append(case.cure(path))
     for opened, settings in cures:
-        source = examine_scene(opened, settings).source
+        source = analyse_scene(opened, settings).source
         for place in {(0, 0), (source.rows - 1, source.cols - 1)} - source.missing:
             assert source.read(0, *place).size

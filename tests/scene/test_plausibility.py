@@ -9,9 +9,9 @@ import pytest
 
 from lfpipe import config
 from lfpipe.errors import UserError
+from lfpipe.scene.classification import Measurements, SceneKind, best_method
 from lfpipe.scene.packing import pack_scene
-from lfpipe.scene.plausibility import gather_evidence
-from lfpipe.scene.verdict import Evidence, best_method
+from lfpipe.scene.plausibility import measure_views
 from tests.scene import made
 from tests.scene.made import as_source
 
@@ -112,8 +112,8 @@ NO_LIGHT_FIELDS = {
 
 @pytest.mark.parametrize("kind", NO_LIGHT_FIELDS)
 def test_what_is_no_light_field_is_refused(kind: str) -> None:
-    evidence = gather_evidence(as_source(NO_LIGHT_FIELDS[kind]))
-    assert evidence is not None and evidence.verdict.kind == "no light field"
+    measured = measure_views(as_source(NO_LIGHT_FIELDS[kind]))
+    assert measured is not None and measured.classification.kind is SceneKind.NOT_A_LIGHT_FIELD
 
 
 NOISE = np.random.default_rng(0).normal(0, 20, made.views(5, 5).shape)
@@ -164,9 +164,9 @@ LIGHT_FIELDS = {
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("kind", LIGHT_FIELDS)
 def test_no_light_field_is_refused(kind: str) -> None:
-    evidence = gather_evidence(as_source(LIGHT_FIELDS[kind]))
-    assert evidence is not None and evidence.verdict.kind != "no light field"
-    assert "hand" not in kind or evidence.explained > 0.4
+    measured = measure_views(as_source(LIGHT_FIELDS[kind]))
+    assert measured is not None and measured.classification.kind is not SceneKind.NOT_A_LIGHT_FIELD
+    assert "hand" not in kind or measured.explained > 0.4
 
 
 def test_force_opens_what_was_refused(tmp_path: Path) -> None:
@@ -186,20 +186,23 @@ CLOSER = "the camera comes nearer"
 
 
 @pytest.mark.parametrize(
-    ("evidence", "kind"),
+    ("measured", "kind"),
     [
-        (Evidence(held_out_db=31, explained=0.4), "light field"),
-        (Evidence(held_out_db=25, explained=0.64), "light field"),
-        (Evidence(held_out_db=25, explained=0.4), "no light field"),
-        (Evidence(held_out_db=40, explained=0.1), "no light field"),
-        (Evidence(held_out_db=40, explained=0.9, change=CLOSER), "no light field"),
-        (Evidence(held_out_db=40, explained=0.9, moved_px=0.1), "one view"),
-        (Evidence(held_out_db=20, explained=0.1, missed_motion=(0.1, 0.3)), "too far apart"),
+        (Measurements(held_out_db=31, explained=0.4), SceneKind.LIGHT_FIELD),
+        (Measurements(held_out_db=25, explained=0.64), SceneKind.LIGHT_FIELD),
+        (Measurements(held_out_db=25, explained=0.4), SceneKind.NOT_A_LIGHT_FIELD),
+        (Measurements(held_out_db=40, explained=0.1), SceneKind.NOT_A_LIGHT_FIELD),
+        (Measurements(held_out_db=40, explained=0.9, change=CLOSER), SceneKind.NOT_A_LIGHT_FIELD),
+        (Measurements(held_out_db=40, explained=0.9, moved_px=0.1), SceneKind.ONE_VIEW),
+        (
+            Measurements(held_out_db=20, explained=0.1, missed_motion=(0.1, 0.3)),
+            SceneKind.TOO_FAR_APART,
+        ),
     ],
 )
-def test_evidence_has_one_verdict(evidence: Evidence, kind: str) -> None:
-    assert evidence.verdict.kind == kind
-    assert bool(evidence.verdict.reason) == (kind != "light field")
+def test_measurements_have_one_classification(measured: Measurements, kind: SceneKind) -> None:
+    assert measured.classification.kind is kind
+    assert bool(measured.classification.reason) == (kind is not SceneKind.LIGHT_FIELD)
 
 
 @pytest.mark.parametrize(

@@ -46,7 +46,7 @@ def reply_to(state: SessionState, message: Message) -> Reply | str:
         return f"{error.message} ({error.remedy})"
 
 
-@settings(max_examples=800)
+@settings(max_examples=300)
 @given(messages)
 def test_respond_answers_or_refuses_every_shape_of_request(message: Message) -> None:
     state = made_state(record="/running")

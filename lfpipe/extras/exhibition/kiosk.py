@@ -22,7 +22,6 @@ from lfpipe.host.files import exists
 from lfpipe.render.display.open_display import parse_display
 
 AGAIN_S = 2.0  # pause between a failed session and the next
-CODE_BYTES = 256  # more than anybody types
 VARIABLE = "LFPIPE_KIOSK_CODE"
 UNIT = """\
 # written by lfpipe
@@ -52,7 +51,7 @@ def kiosk_code(file: Path | None) -> str:
     """
     if file is not None:
         code = read_text(
-            file, CODE_BYTES, f"--code-file {file}", "name a file that holds the code"
+            file, 256, f"--code-file {file}", "name a file that holds the code"
         ).strip()
     elif not (code := os.environ.get(VARIABLE, "")):
         raise UserError(

@@ -34,7 +34,6 @@ from lfpipe.transport.ring import StampKind
 
 WINDOW_PX = (1600, 900)  # limited by the screen
 HOLDS = (3, 6)  # of a level, 50 to 100 ms: in refreshes at about STEP_HZ, inclusive
-STEP_HZ = 60.0
 AIM_S = 60.0  # timeout for aiming the camera
 # the last of the camera's pictures that are searched for the screen; how often
 LOOK_S, LOOK_EVERY_S = 3.0, 1.5
@@ -164,7 +163,7 @@ class _FlippingWindow:
         hz = self.window.nominal_hz()
         self._clock = ScreenClock(hz, now_ns())
         self._rng = np.random.default_rng(1)
-        self._step = max(1, round(hz / STEP_HZ))
+        self._step = max(1, round(hz / 60.0))
         self._number = 0
         self._due_ns = now_ns()
         self._presented_ns: dict[int, int] = {}

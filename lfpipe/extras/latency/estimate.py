@@ -43,7 +43,6 @@ SLOW_S = 1.0  # slower changes come from the room's light and automatic exposure
 DELAYS_MS = (-20.0, 480.0)  # searched; television sets with picture processing reach 350
 # near enough to find the screen
 COARSE_STEP_MS = 2.0
-COARSE_EXPOSURES_MS = (4.0, 16.0, 33.0)
 # around the coarse delay: half of the longest readout; half of the error that is allowed
 NEAR_MS, STEP_MS = 30.0, 0.5
 SEARCH_MS = 8.0  # around the best delay: an interval that reaches further is refused
@@ -217,7 +216,7 @@ def find_area(recording: Recording) -> tuple[Float, float]:
     tried = np.stack(
         [
             _correlations(recording, levels, delays, Model(exposure_ms, 1.0, 1.0))[0]
-            for exposure_ms in COARSE_EXPOSURES_MS
+            for exposure_ms in (4.0, 16.0, 33.0)
         ]
     )
     scores = np.square(tried).sum(axis=2)

@@ -32,9 +32,7 @@ def make(path: Path, out: Path | None, config: Config) -> None:
         f"  parallax    {slide.spread_px:.0f} px between outermost views,"
         f" {slide.residual_px:.2f} px vertical error (95 %)"
     )
-    print_result(
-        f"  direction   {slide.order}"
-        f" ({'sure' if slide.order_sure else '`lfpipe scene sheet` shows near and far'})"
-    )
+    hint = "certain" if slide.order_sure else "press d in the window if the depth looks inverted"
+    print_result(f"  direction   {slide.order} ({hint})")
     opened(folder, config)
     print_result(str(folder))

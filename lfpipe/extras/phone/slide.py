@@ -33,11 +33,10 @@ from lfpipe.scene.video import Video
 
 Corners = NDArray[np.float32]  # (n, 1, 2) as (x, y), OpenCV's form
 
-_MAX_FRAMES = 400  # examined
 _GLANCE_PX, _VIEW_PX = 320, 1280  # widths: for measuring motion, and of the views at most
 # of the width: parallax between neighbouring views, and of the whole slide
 _STEP_SHARE, _MIN_PARALLAX = 0.004, 0.008
-_FEWEST, _MOST = 5, 15  # views
+_FEWEST = 5  # views
 _SHARED = 0.3  # share of the middle frame's details visible in a frame
 _FEWEST_SHARED = 20  # details to compare two frames by
 # sharpness of the chosen frames: over that of the sharpest tenth, and at least
@@ -276,7 +275,7 @@ def _chosen_frames(
             " camera was turned, not slid, or hardly moved, or everything is far away",
             "slide the camera sideways by a hand's breadth without turning it, past something near",
         )
-    views = int(np.clip(parallax / _STEP_SHARE, _FEWEST, _MOST))
+    views = int(np.clip(parallax / _STEP_SHARE, _FEWEST, 15))
     step = travelled[-1] / (views - 1)
     sharp = [float(cv2.Laplacian(glance, cv2.CV_32F).var()) for glance in glances[start + first :]]
     steps: set[int] = set()
@@ -416,7 +415,7 @@ def _rectified_row(views: list[NDArray[Any]], position: NDArray[np.float64]) -> 
 
 def _row(count: int, read: Callable[[int], NDArray[Any]], progress: Progress) -> _Row:
     """The views of a slide of count pictures. Raises UserError if it is unsuitable."""
-    numbers = list(range(0, count, -(-count // _MAX_FRAMES)))
+    numbers = list(range(0, count, -(-count // 400)))
     if len(numbers) < _FEWEST:
         raise UserError(
             f"{len(numbers)} pictures are too few; at least {_FEWEST} are needed",

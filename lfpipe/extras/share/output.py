@@ -29,7 +29,6 @@ from lfpipe.track.head import Head
 from lfpipe.transport.clock import SECOND_NS, now_ns
 
 POSE = struct.Struct("<6d")  # x, y, z in cm; yaw, pitch, roll in degrees
-MM_PER_CM = 10.0
 
 
 @attrs.frozen
@@ -53,7 +52,7 @@ def opentrack_datagram(sample: Sample) -> bytes:
     head = sample.head
     if head is None:
         return b""
-    x, y, z = (value / MM_PER_CM for value in head.position_mm)
+    x, y, z = (value / 10.0 for value in head.position_mm)
     return POSE.pack(-x, y, z, head.yaw_deg, head.pitch_deg, -head.roll_deg)
 
 
@@ -136,7 +135,6 @@ STREAMS = {
     "pictures": ("Pictures", PICTURES),
     "markers": ("Markers", MARKERS),
 }
-BUFFER_S = 30  # a receiver further behind loses the oldest samples
 TRIES = 50  # pairs of readings of both clocks; the closest pair counts
 REPEAT_NS = SECOND_NS  # of the state on the stream of markers
 
@@ -208,7 +206,8 @@ class LslOutput:
             axes="mm from the middle of the picture: x to the viewer's right, y up, z to the"
             " viewer",
         )
-        return pylsl.StreamOutlet(info, max_buffered=BUFFER_S)
+        # in s: a receiver further behind loses the oldest samples
+        return pylsl.StreamOutlet(info, max_buffered=30)
 
     def _lsl_s(self, t_ns: int) -> float:
         return t_ns / 1e9 + self._offset_s

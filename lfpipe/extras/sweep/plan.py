@@ -35,7 +35,6 @@ BENCH = ("tracker", "synthesis", "stability")  # as `lfpipe bench` names them
 SUBJECTS = (REPLAY, TRUTH, QUALITY, TABLE, *BENCH)
 NEEDS = {REPLAY: "sequences", TRUTH: "sequences", QUALITY: "scenes", TABLE: "scenes"}
 TIMED = (TABLE, *BENCH)  # run alone
-PLAN_BYTES = 1 << 20  # more than anybody types
 MAX_CELLS = 100_000  # a day of a cluster; a list too many is a mistake
 # allowed values, default
 PROTOCOL: dict[str, tuple[Collection[int], int]] = {
@@ -80,7 +79,7 @@ def read_plan(path: Path) -> list[Cell]:
 
     Raises UserError with the key, the value and the remedy.
     """
-    table = toml_table(read_text(path, PLAN_BYTES, str(path), REMEDY), str(path), REMEDY)
+    table = toml_table(read_text(path, 1 << 20, str(path), REMEDY), str(path), REMEDY)
     _check_names(f"{path}: ", table, ("sequences", "scenes", "subjects", "config", "table"))
     texts = {key: table.get(key, []) for key in ("sequences", "scenes", "subjects")}
     for key, values in texts.items():

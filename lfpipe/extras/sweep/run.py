@@ -31,7 +31,7 @@ from lfpipe.sequence.folder import MANIFEST, is_sequence
 
 AGAIN = "start it again, then run the same command"
 # a host that does not answer; workers that have just been started
-SCHEDULER_WAIT_S, WORKER_WAIT_S = 8.0, 30.0
+SCHEDULER_WAIT_S = 8.0
 FIRST_LINE_S = 30.0  # without a result, what runs is named; again after twice that time, and so on
 Notice = Callable[[str], None]
 
@@ -134,7 +134,7 @@ def dask_workers(address: str, insecure: bool = False) -> Iterator[Workers]:
             client = stack.enter_context(
                 Client(address, timeout=SCHEDULER_WAIT_S, set_as_default=False)
             )
-            client.wait_for_workers(1, timeout=WORKER_WAIT_S)
+            client.wait_for_workers(1, timeout=30.0)
         except (OSError, ValueError, TypeError, TimeoutError) as error:
             why = str(error).splitlines()[0] if str(error) else type(error).__name__
             remedy = "start `dask scheduler` and, on each host, `dask worker ADDRESS --nthreads 1`"

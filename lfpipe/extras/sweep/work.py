@@ -25,7 +25,6 @@ from lfpipe.files.untrusted import json_fields
 from lfpipe.host.files import exists, is_dir
 from lfpipe.replays.report import REPORT, REPORT_BYTES, read_report
 
-REASON_CHARS = 2000  # of a line of results: the end of a traceback
 REFERENCE = "metrics.json"  # in the reference of a cell without pictures
 AGAIN = "copy the whole folder again, or rewrite it with --update"
 CLOSE = 1e-3  # relative tolerance of metrics, for rounding on other processors
@@ -115,7 +114,7 @@ def measure_cell(cell: Cell, options: SweepOptions) -> Outcome:
     return Outcome(
         cell,
         state,
-        plain(reason, REASON_CHARS),
+        plain(reason, 2000),  # the end of a traceback
         numbers,
         round(time.monotonic() - started_s, 4),
         platform.node(),

@@ -45,13 +45,9 @@ COMMAND_FORM = f"send a JSON map with cmd, one of {', '.join(COMMANDS)}"
 # for the headers of a request, for its body, between two requests, and to take an answer or a piece
 # of a stream
 TIMEOUT_S = 10.0
-MAX_HEADER_BYTES = 16 << 10
-MAX_BODY_BYTES = 64 << 10
 MAX_COMMAND_BYTES = 4 << 10
 MAX_STREAMS, MAX_WATCHERS = 32, 30  # a class leaves room for its teacher
 MAX_STRANGERS = 64  # connections not yet admitted; one more closes the oldest of them
-# of the kernel; small, so that a slow reader of a stream skips to the newest data
-SEND_BUFFER_BYTES = 64 << 10
 NO_TOKEN = (
     "the token is missing or wrong: open the address that `lfpipe monitor --web` printed; it ends"
     " in /?token=..."
@@ -160,8 +156,8 @@ class Server(HTTPServer):
             app,
             idle_connection_timeout=TIMEOUT_S,
             body_timeout=TIMEOUT_S,
-            max_header_size=MAX_HEADER_BYTES,
-            max_body_size=MAX_BODY_BYTES,
+            max_header_size=16 << 10,
+            max_body_size=64 << 10,
         )
 
     def admit(self, stream: Any) -> None:
@@ -349,7 +345,8 @@ def serve(name: str, address: str, tell: Callable[[str], None]) -> None:
             "use another port, 0 for a free one, or an address of this machine",
         ) from None
     for sock in sockets:
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+        # small, so that a slow reader of a stream skips to the newest data
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 64 << 10)
     site = Site(host=host, port=int(sockets[0].getsockname()[1]), feed=Feed(name))
     files = {path.name: path.read_bytes() for path in STATIC.iterdir() if path.suffix in KINDS}
     files["index.html"] = files["index.html"].replace(

@@ -1,5 +1,5 @@
 """Scores of the methods that make views: every second view is held out, predicted from the others,
-and compared. `scene.verdict` says what the scores mean.
+and compared. `scene.classification` says what the scores mean.
 """
 
 import math

@@ -25,9 +25,6 @@ from lfpipe.scene.layouts._tiles import single_picture
 from lfpipe.scene.layouts.plenoptic import is_honeycomb
 from lfpipe.scene.source import Layout, SceneSource
 
-_LAST_RESORT = 10  # a mark that pictures below the folder outweigh
-
-
 RESULTS: Results = {"detect": int | None, "describe": SceneSource}
 
 
@@ -185,7 +182,8 @@ def _source_of(known: dict[str, Layout], given: Listing, scene: config.Scene) ->
     tries = list(known.values()) if scene.layout == "auto" else [known[scene.layout]]
     listing = given
     mark, layout = _match(tries, given)
-    inner = inner_listing(given) if mark <= _LAST_RESORT else None
+    # 10: a layout of last resort, which pictures below the folder outweigh
+    inner = inner_listing(given) if mark <= 10 else None
     if inner is not None:
         listing = inner
         mark, layout = _match(tries, inner)

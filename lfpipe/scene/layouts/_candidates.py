@@ -1,4 +1,4 @@
-"""Readings of a scene that compete, each with its evidence and one score. The best one is taken;
+"""Competing interpretations of a scene, each with one score. The best one is used;
 `lfpipe scene info -v` prints the others, too.
 """
 
@@ -10,27 +10,26 @@ import attrs
 
 log = logging.getLogger(__name__)
 T = TypeVar("T")
-_SHOWN = 6  # of the best
 
 
 @attrs.frozen(kw_only=True)
 class Candidate(Generic[T]):
-    """One reading."""
+    """One interpretation."""
 
     what: str  # for people
-    score: float  # the higher, the likelier; comparable within one question
+    score: float  # higher is likelier; comparable within one question
     value: T
-    evidence: Mapping[str, float] = attrs.field(factory=dict)  # what the score was made of, by name
+    measures: Mapping[str, float] = attrs.field(factory=dict)  # the parts of the score, by name
 
 
 def ranked(question: str, candidates: Sequence[Candidate[T]]) -> list[Candidate[T]]:
-    """The candidates, the likeliest first, of equals the first; logged as a table."""
+    """The candidates by falling score, in a stable order; logs them as a table."""
     order = sorted(candidates, key=lambda candidate: -candidate.score)
     if order:
         rows = [
             f"  {candidate.score:8.3f}  {candidate.what}"
-            + "".join(f", {name} {value:.3g}" for name, value in candidate.evidence.items())
-            for candidate in order[:_SHOWN]
+            + "".join(f", {name} {value:.3g}" for name, value in candidate.measures.items())
+            for candidate in order[:6]
         ]
         log.info("%s, best of %d first:\n%s", question, len(order), "\n".join(rows))
     return order

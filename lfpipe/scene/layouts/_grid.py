@@ -1,5 +1,5 @@
-"""One picture file per view: from the numbers in the names to a grid of views. A note names every
-file that is not used.
+"""One picture file per view: from the numbers in the names to a grid of views. A note names unused
+files.
 """
 
 import re
@@ -22,7 +22,6 @@ from lfpipe.scene.source import GridTransform, SceneSource, ViewIndex
 
 LOSSY = (".jpg", ".jpeg", ".webp", ".avif", ".gif")
 MIN_VIEW_PX = 12  # side of a view: a smaller one shows nothing
-_MADE_SHARE = 0.25  # of a grid that may be missing: those views are made from their neighbours
 _SMALL_PX = 96 * 128  # of pictures that the columns of a running number follow from
 
 
@@ -40,7 +39,7 @@ def parse_grid(text: str) -> ViewIndex | None:
 
 
 def require_grid(rows: int, cols: int, what: str) -> None:
-    """Raises UserError where no light field has such a grid. what: who says so."""
+    """Raises UserError if the grid is too large. what: where it is stated."""
     if not (1 <= rows <= MAX_SIDE and 1 <= cols <= MAX_SIDE and rows * cols <= MAX_FILES):
         raise UserError(
             f"{what}: the grid has {rows}x{cols} views; at most {MAX_SIDE} along a side and"
@@ -50,7 +49,7 @@ def require_grid(rows: int, cols: int, what: str) -> None:
 
 
 def require_view(height: int, width: int, sample_bytes: int, what: str) -> None:
-    """Raises UserError where no view is so large, or so small. what: who says so."""
+    """Raises UserError if views are too large or too small. what: where the size is stated."""
     if min(height, width) < MIN_VIEW_PX:
         raise UserError(
             f"{what}: views have {width}x{height} px; a side has at least {MIN_VIEW_PX}",
@@ -65,8 +64,8 @@ def require_view(height: int, width: int, sample_bytes: int, what: str) -> None:
 
 
 def true_max(values: list[int], full: int) -> int:
-    """The value that stands for full where 16-bit files may hold 10, 12 or 14 bits: by the largest
-    value of some views.
+    """The full-scale value of 16-bit files that may hold 10, 12 or 14 bits, by the largest value of
+    some views.
     """
     return (
         full
@@ -236,13 +235,13 @@ def _laid_out(
     names = {col: name for (_, col), name in numbered.views.items()}
     read = cache(lambda position: small_grey(listing.file(names[position]), _SMALL_PX))
     sizes = Counter(listing.file(name).stat().st_size for name in names.values())
-    suspects = [
+    possible_copies = [
         position
         for position in sorted(names)
         if len(names) <= MAX_PICTURES or sizes[listing.file(names[position]).stat().st_size] > 1
     ]
     present = [position in names for position in range(numbered.cols)]
-    run, places, again = lay_out(read, present, grid, suspects)
+    run, places, again = lay_out(read, present, grid, possible_copies)
     if run is None:
         raise misfit(str(listing.path), len(places), grid)
     views = {run.index(place): names[position] for position, place in places.items()}
@@ -307,8 +306,8 @@ def _views_source(
     note: str = "",
     **more: Any,
 ) -> SceneSource:
-    """The scene of views by place; pictures that are not used are noted. Raises UserError where two
-    have one place, or many places no view.
+    """The scene of views by grid index, with a note of unused pictures. Raises UserError if two
+    views have one index, or too many indices no view.
     """
     rows, cols, views = numbered.rows, numbered.cols, numbered.views
     if numbered.clashes:
@@ -322,7 +321,8 @@ def _views_source(
         raise UserError(f"{listing.path}: {first} and {second} are the same view{others}", remedy)
     require_grid(rows, cols, str(listing.path))
     holes = [place for place in np.ndindex(rows, cols) if place not in views]
-    if len(holes) > _MADE_SHARE * rows * cols:
+    # the packer makes missing views from their neighbours
+    if len(holes) > 0.25 * rows * cols:
         raise UserError(
             f"{listing.path}: the names span {rows}x{cols} views, {len(views)} files are there",
             "give a folder with a whole row or a whole grid of one scene",
@@ -353,12 +353,14 @@ def _views_source(
     )
 
 
-def coordinate_turn(stood: NDArray[np.float64]) -> GridTransform | None:
-    """From coordinates (rows, cols, 2) as (down, right) in file order, NaN where unknown: the turn
-    to canonical order, or None if they do not determine it. Along each index axis the mean step of
-    the coordinate that moves most decides.
+def coordinate_turn(camera_positions: NDArray[np.float64]) -> GridTransform | None:
+    """The transform to canonical order from camera positions (rows, cols, 2), (down, right) in file
+    order, NaN where unknown; None if they do not determine it. Along each index axis, the
+    coordinate with the largest mean step decides.
     """
-    by_row, by_col = (np.ma.masked_invalid(stood).mean(axis=axis).filled(np.nan) for axis in (1, 0))
+    by_row, by_col = (
+        np.ma.masked_invalid(camera_positions).mean(axis=axis).filled(np.nan) for axis in (1, 0)
+    )
     down_by_row, right_by_row = by_row[-1] - by_row[0]
     down_by_col, right_by_col = by_col[-1] - by_col[0]
     straight, crossed = abs(down_by_row) + abs(right_by_col), abs(right_by_row) + abs(down_by_col)

@@ -1,15 +1,15 @@
-"""The numbers in the names of pictures: which two count rows and columns, which one runs.
-docs/layouts.md states the rules.
+"""The numbers in the names of pictures: which two are row and column, and which one is a running
+number. docs/layouts.md states the rules.
 
-A name is split into texts and numbers; names with the same texts are a family. Two numbers count
-rows and columns where each pair of values occurs once and the pairs fill a lattice; a number that
-differs in every name runs, or is a counter beside them.
+A name is split into texts and numbers; names with the same texts are a family. Two numbers are row
+and column if each pair of values occurs once and the pairs fill a lattice; a number that differs in
+every name is a running number, or a counter beside them.
 """
 
 import math
 import re
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from functools import cached_property, lru_cache
 from itertools import combinations
 
@@ -29,44 +29,35 @@ MAPS = re.compile(
 LEFT = ("left", "l", "links", "gauche", "izquierda", "sinistra")
 RIGHT = ("right", "r", "rechts", "droite", "derecha", "destra")
 SIDES = re.compile(rf"(?<![a-z])({'|'.join(LEFT + RIGHT)})(?![a-z])")
-# numbers that count no views
+# words before numbers that count no views
 _FRAME_WORDS = ("f", "fr", "frame", "frames", "time", "ev", "exp", "exposure", "iso", "take")
-_ROW_WORDS = ("row", "rows", "r", "y", "v", "t")
-_COL_WORDS = ("col", "cols", "column", "c", "x", "u", "s")
-_MIN_COVERAGE = 0.15  # of a lattice by files: less is no grid. A cross in a 13x13 grid has 0.148
-# Of scores: a name of a run, against 1 of a grid; a grid without gaps. Among equals: numbers from 0
-# or 1 in steps of 1, or after a word; less for numbers further behind, and for a later reading
-_RUN, _WHOLE = 0.9, 0.2
-_PLAIN, _LATER, _NEXT_READING = 0.002, 1e-5, 0.003
-_CLEAR = 0.001  # lead of a score on the next one that leaves no doubt
-_MAX_FIELDS = 12  # a date with its time has six
+_RUN = 0.9  # score of a name of a run; of a name of a grid it is 1
+_WHOLE = 0.2  # added to the score of a grid without gaps; less with gaps
+_PLAIN = 0.002  # added to the score of a grid whose numbers count from 0 or 1 in steps of 1
+_CLEAR = 0.001  # lead on the second-best score that leaves no doubt
 _UNIT = 10**9  # of numbers, which have up to nine decimals
 MAX_SIDE = 10_000  # views along one side of a grid
-_TIME = re.compile(
-    r"(?:19|20)\d\d([-_.]?)[01]\d\1[0-3]\d\D{0,4}"
-    r"[0-2]\d([-_.:]?)[0-5]\d\2[0-5]\d(?:\d{3}(?!\d))?(?!\d)"
-)
-_SUM = re.compile(r"[-_. ](?=[0-9a-f]*[a-f])(?=[0-9a-f]*[0-9])[0-9a-f]{6,40}$", re.IGNORECASE)
-_SUM_OR_NUMBER = re.compile(r"[-_. ][0-9a-f]{6,40}$", re.IGNORECASE)
+
+
 _COPY = re.compile(r"(.*?)([-_ ]?\(|[-_ ])(\d{1,5})(\)?)", re.DOTALL)
 
 
 @attrs.frozen(kw_only=True)
 class NumberedNames:
-    """A family of names by what their numbers say."""
+    """A family of names, and what their numbers mean."""
 
     views: dict[ViewIndex, str]  # names by (row, column) from (0, 0), or by (0, position)
     rows: int
     cols: int
     runs: bool  # whether one number runs
-    clashes: tuple[tuple[str, str], ...] = ()  # pairs of names for one place
-    doubt: str = ""  # what the names leave open, "" for nothing
-    explained: int = 0  # how many names have a place, or another frame of it
-    share: float = 0.0  # of all places, those that have a name
+    clashes: tuple[tuple[str, str], ...] = ()  # pairs of names for one grid index
+    doubt: str = ""  # what the names leave ambiguous, "" for nothing
+    explained: int = 0  # number of names with a grid index, or with another frame of one
+    share: float = 0.0  # share of the grid that has names
 
 
 def side_of(stem: str) -> tuple[str, bool] | None:
-    """(the rest of a name, whether it is the left eye's) by its last word for a side; None without
+    """(the rest of a name, whether it is the left eye's), by the last word for a side; None without
     one.
     """
     words = list(SIDES.finditer(stem.lower().replace("_", " ")))
@@ -132,19 +123,17 @@ def _value(text: str) -> int:
     return int(whole + decimals.ljust(9, "0"))
 
 
+_READINGS = {  # ways to find the numbers in names, the likeliest first
+    "signs after a separator": re.compile(rf"(?:{_SIGNED}|[0-9]{{1,18}}){_DECIMAL}"),
+    "signs anywhere": re.compile(rf"[+-]?[0-9]{{1,18}}{_DECIMAL}"),
+    "digits alone": re.compile(r"[0-9]{1,18}"),
+    "single letters": re.compile(r"[0-9]{1,18}|(?<![A-Za-z])[A-Za-z](?![A-Za-z])"),
+}
+
+
 def _stems(names: tuple[str, ...]) -> dict[str, str]:
-    """The part of each name that is read: without suffix and sums, times in order, and the first of
-    copies numbered.
-    """
+    """Names without suffixes; the first of numbered copies gets a number."""
     stems = {name: name.rpartition(".")[0] for name in names}
-    times = {name: match[0] for name, stem in stems.items() if (match := _TIME.search(stem))}
-    if 2 * len(times) > len(names):  # a time counts nothing: it puts names in order
-        order = {
-            time: f"{position:05d}" for position, time in enumerate(sorted(set(times.values())))
-        }
-        stems |= {name: stems[name].replace(time, order[time], 1) for name, time in times.items()}
-    if 2 * sum(_SUM.search(stem) is not None for stem in stems.values()) > len(names):
-        stems = {name: _SUM_OR_NUMBER.sub("", stem) for name, stem in stems.items()}
     copies: defaultdict[str, list[tuple[int, str]]] = defaultdict(list)
     for stem in stems.values():
         if match := _COPY.fullmatch(stem):
@@ -156,60 +145,16 @@ def _stems(names: tuple[str, ...]) -> dict[str, str]:
     return stems
 
 
-@attrs.frozen(kw_only=True)
-class _Reading:
-    """A way to find the numbers in names."""
-
-    name: str
-    pattern: re.Pattern[str]
-    halved: bool = False  # the last number is row and column without a separator (0307)
-    # whether a family that was read so counts, of so many names
-    accepts: Callable[[NumberedNames, int, int], bool] = lambda numbered, size, names: True
-
-    def families(self, stems: dict[str, str]) -> dict[tuple[str, ...], dict[str, tuple[str, ...]]]:
-        """By their texts, the names of each family and the numbers of each name."""
-        families: defaultdict[tuple[str, ...], dict[str, tuple[str, ...]]] = defaultdict(dict)
-        for name, stem in stems.items():
-            numbers = self.pattern.findall(stem)
-            digits = 0
-            if self.halved and numbers and len(numbers[-1]) % 2 == 0:
-                digits = len(numbers[-1])
-                numbers[-1:] = numbers[-1][: digits // 2], numbers[-1][digits // 2 :]
-            if 0 < len(numbers) <= _MAX_FIELDS:
-                families[*self.pattern.split(stem.lower()), "0" * digits][name] = tuple(numbers)
-        return families
-
-
-def _is_whole(numbered: NumberedNames, size: int, names: int) -> bool:
-    """Whether halved numbers fill a grid, and do not just run on: 00 to 29 is no grid of 3x10."""
-    if numbered.runs or numbered.share < 1:
-        return False
-    numbers = [
-        int(re.findall(r"[0-9]+", name.rpartition(".")[0])[-1]) for name in numbered.views.values()
-    ]
-    return max(numbers) - min(numbers) >= len(numbers)
-
-
-_READINGS = (  # the likeliest first
-    _Reading(
-        name="signs after a separator",
-        pattern=re.compile(rf"(?:{_SIGNED}|[0-9]{{1,18}}){_DECIMAL}"),
-    ),
-    _Reading(name="signs anywhere", pattern=re.compile(rf"[+-]?[0-9]{{1,18}}{_DECIMAL}")),
-    _Reading(name="digits alone", pattern=re.compile(r"[0-9]{1,18}")),
-    _Reading(
-        name="single letters",
-        pattern=re.compile(r"[0-9]{1,18}|(?<![A-Za-z])[A-Za-z](?![A-Za-z])"),
-        # of fewer names, they are Roman numerals or initials
-        accepts=lambda numbered, size, names: 2 * size >= names,
-    ),
-    _Reading(
-        name="halves of a number",
-        pattern=re.compile(r"[0-9]{1,18}"),
-        halved=True,
-        accepts=_is_whole,
-    ),
-)
+def _families(
+    stems: dict[str, str], pattern: re.Pattern[str]
+) -> dict[tuple[str, ...], dict[str, tuple[str, ...]]]:
+    """By their texts, the names of each family and the numbers of each name."""
+    families: defaultdict[tuple[str, ...], dict[str, tuple[str, ...]]] = defaultdict(dict)
+    for name, stem in stems.items():
+        numbers = tuple(pattern.findall(stem))
+        if 0 < len(numbers) <= 12:  # a date with its time has six
+            families[tuple(pattern.split(stem.lower()))][name] = numbers
+    return families
 
 
 def _together(columns: Collection[_Column]) -> list[tuple[int, ...]]:
@@ -218,15 +163,15 @@ def _together(columns: Collection[_Column]) -> list[tuple[int, ...]]:
 
 
 def _way(numbered: NumberedNames, order: float = 0.0, frames: int = 1) -> Candidate[NumberedNames]:
-    """A way to count with its score: how many names it explains (a run's count less, so that a grid
-    of nearly all of them beats it), then how full its grid is, then `order` among equals.
+    """An interpretation with its score: how many names it explains (those of a run count less, so
+    that a grid of nearly all names beats it), then how full the grid is, then `order`.
     """
     shape = f"a run of {numbered.cols}" if numbered.runs else f"{numbered.rows}x{numbered.cols}"
     return Candidate(
         what=shape + f" with {frames} frames" * (frames > 1),
         score=numbered.explained * (_RUN if numbered.runs else 1) + _WHOLE * numbered.share + order,
         value=numbered,
-        evidence={
+        measures={
             "names explained": numbered.explained,
             "places with a name": numbered.share,
             "clashes": len(numbered.clashes),
@@ -235,8 +180,8 @@ def _way(numbered: NumberedNames, order: float = 0.0, frames: int = 1) -> Candid
 
 
 def _ways(names: list[str], columns: list[_Column]) -> list[Candidate[NumberedNames]]:
-    """What the numbers of a family may count, the likeliest first; with a doubt where the second
-    is as likely.
+    """Interpretations of a family's numbers, the likeliest first; the first one says so if the
+    second one is as likely.
     """
     varying = [column for column in columns if len(column.values) > 1]
     keys = [column for column in varying if len(column.values) == len(names)]
@@ -271,8 +216,8 @@ def _ways(names: list[str], columns: list[_Column]) -> list[Candidate[NumberedNa
 
 
 def _grids(names: list[str], columns: list[_Column]) -> Iterator[Candidate[NumberedNames]]:
-    """The names by every two numbers that may count rows and columns."""
-    for (first, down), (second, across) in combinations(enumerate(columns), 2):
+    """Interpretations with two numbers as row and column."""
+    for down, across in combinations(columns, 2):
         plain = all(column.steps[:2] in ((0, _UNIT), (_UNIT, _UNIT)) for column in (down, across))
         pairs = len(set(_together((down, across))))
         if pairs == len(names) == len(down.values) * len(across.values):
@@ -281,22 +226,18 @@ def _grids(names: list[str], columns: list[_Column]) -> Iterator[Candidate[Numbe
                 column.ordered() if column.count > 2 * len(column.values) else column
                 for column in (down, across)
             )
-        if max(down.count, across.count) > MAX_SIDE or pairs < _MIN_COVERAGE * (
-            down.count * across.count
-        ):
+        if max(down.count, across.count) > MAX_SIDE:
             continue
-        if down.word in _COL_WORDS and across.word in _ROW_WORDS:
-            down, across = across, down
         yield _way(
             placed(names, down.places, across.places, (down.count, across.count)),
-            _PLAIN * plain - _LATER * (first + second),
+            _PLAIN * plain,
         )
 
 
 def _without_frames(
     names: list[str], frames: _Column, columns: list[_Column]
 ) -> Iterator[Candidate[NumberedNames]]:
-    """What the other numbers count, in the names of the first frame."""
+    """Interpretations of the other numbers, in the names of the first frame."""
     first = [at for at, number in enumerate(frames.numbers) if number == frames.values[0]]
     kept = [
         attrs.evolve(column, numbers=tuple(column.numbers[at] for at in first))
@@ -305,15 +246,14 @@ def _without_frames(
     ]
     for way in _ways([names[at] for at in first], kept):
         numbered = attrs.evolve(way.value, explained=len(names))
-        order = _PLAIN if frames.word in _FRAME_WORDS else _LATER * columns.index(frames)
-        yield _way(numbered, order, len(frames.values))
+        yield _way(numbered, _PLAIN * (frames.word in _FRAME_WORDS), len(frames.values))
 
 
 def placed(
     names: list[str], rows: list[int] | None, cols: list[int], shape: ViewIndex, counts: bool = True
 ) -> NumberedNames:
-    """Names by their places; of several for one, the first. rows: None for a number that runs;
-    counts: whether numbers and not only their order say so.
+    """Names by grid index; of several for one, the first. rows: None for a running number; counts:
+    whether the numbers are indices, not only their order.
     """
     views: dict[ViewIndex, str] = {}
     clashes: list[tuple[str, str]] = []
@@ -334,42 +274,26 @@ def placed(
 
 
 def _frame_columns(varying: list[_Column], count: int) -> list[_Column]:
-    """The numbers that may count frames or exposures, where those of views and they fill a box: the
-    one after a word that says so, else each of three.
+    """The numbers that may count frames or exposures, if they and those of views fill a box: the
+    one after such a word, else each of three.
     """
     for columns in [*combinations(varying, 3), *combinations(varying, 2)]:
         whole = math.prod(len(column.values) for column in columns)
         if whole == count == len(set(_together(columns))):
             named = [column for column in columns if column.word in _FRAME_WORDS]
             if named or len(columns) == 3:
-                return named[:1] or list(columns)
+                return named[:1] or list(reversed(columns))
     return []
 
 
-def _by_folder(names: tuple[str, ...]) -> NumberedNames | None:
-    """Rows by folder, columns by the order of names in each, where all folders hold equally many,
-    two or more; else None.
-    """
-    folders: defaultdict[str, list[str]] = defaultdict(list)
-    for name in names:
-        folders[name.rpartition("/")[0]].append(name)
-    counts = {len(inside) for inside in folders.values()}
-    if len(folders) < 2 or len(counts) > 1 or counts == {1}:
-        return None
-    views = {
-        (row, col): name
-        for row, inside in enumerate(folders.values())
-        for col, name in enumerate(inside)
-    }
-    return NumberedNames(views=views, rows=len(folders), cols=counts.pop(), runs=False)
-
-
 def _candidates(names: tuple[str, ...]) -> Iterator[Candidate[NumberedNames]]:
-    """What each family says by each reading; no more once nothing can be better."""
+    """Every family in each reading; stops where nothing can be better."""
     stems = _stems(names)
-    for number, reading in enumerate(_READINGS):
-        families = reading.families(stems)
+    for reading, pattern in _READINGS.items():
+        families = _families(stems, pattern)
         most = max((len(family) for family in families.values()), default=0)
+        if reading == "single letters" and 2 * most < len(names):  # Roman numerals, or initials
+            return
         for texts, family in families.items():
             if len(family) < 2 or 2 * len(family) < most:
                 continue
@@ -379,24 +303,18 @@ def _candidates(names: tuple[str, ...]) -> Iterator[Candidate[NumberedNames]]:
             ways = [
                 attrs.evolve(
                     way,
-                    what=f"{'#'.join(texts[:-1])}: {reading.name}, {way.what}",
-                    score=way.score / (1 + maps) - _NEXT_READING * number,
+                    what=f"{'#'.join(texts)}: {reading}, {way.what}",
+                    score=way.score / (1 + maps),
                 )
                 for way in _ways(list(family), columns)
-                if reading.accepts(way.value, len(family), len(names))
             ]
             yield from ways
-            if ways and ways[0].score > len(names) + _WHOLE - _NEXT_READING * (number + 1):
+            if ways[0].score >= len(names) + _WHOLE:
                 return
 
 
 @lru_cache(maxsize=4)
 def read_names(names: tuple[str, ...]) -> NumberedNames | None:
-    """What the numbers of most of these names say; None where no two names differ in numbers
-    alone.
-    """
-    order = ranked(f"how {len(names)} names count", list(_candidates(names)))
-    best = order[0].value if order else None
-    if best is None or best.runs or best.clashes:
-        return _by_folder(names) or best
-    return best
+    """What the numbers of most of these names mean; None if no two differ in numbers alone."""
+    order = ranked(f"the numbers in {len(names)} names", list(_candidates(names)))
+    return order[0].value if order else None

@@ -1,8 +1,8 @@
 """The columns of a running number, from the pictures: views that are near in the grid look alike.
 
-For each candidate grid the likeness of some pairs of views is compared with how near the grid
-places them. The grid that explains the likenesses best wins; where another one explains them nearly
-as well, the result says so.
+For each candidate grid, the difference between some pairs of views is correlated with their
+distance in the grid. The grid with the highest correlation wins; if another one comes close, the
+result says so.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,25 +20,21 @@ from lfpipe.scene.source import ViewIndex
 _SIDE_PX = 96  # of the small pictures that are compared
 SHORTEST_CIRCLE = 8  # views of a walk round something
 MAX_PICTURES = 64  # that are decoded
-# grid steps over which likeness falls off: far cameras differ at once, near ones slowly
+# grid steps over which the difference saturates: far cameras differ at once, near ones slowly
 _REACHES = (1.5, 4.0, 12.0, 40.0)
-# of a row step against a column step, as the camera may move farther one way
-_ROW_STEPS = (0.6, 1.0, 1.7)
-_SAME_SHARE = 0.2  # of what neighbours differ by: copies that were saved with other losses
-_COPY_PX = (40, 30)  # at which they are compared: losses average out
-_SURE, _CLEAR = 0.35, 0.02  # correlation of a sure grid, and its lead on the next one
+_CLEAR = 0.02  # lead in correlation of a clear grid
 
 
 @attrs.frozen(kw_only=True)
 class Running:
-    """How a running number fills a grid: row by row, in a snake every other one backwards."""
+    """How a running number fills a grid: row by row; in a snake, every other row backwards."""
 
     rows: int
     cols: int
     snake: bool = False
     upwards: int = 0  # of a quilt: tiles in a row; its lowest row is the first
     ring: bool = False  # on a circle, which is no line: its ends are neighbours
-    doubt: str = ""  # what is left open
+    doubt: str = ""  # what stays ambiguous
     score: float = 0.0  # how well it explains the likeness of the pictures, at most 1
 
     @property
@@ -101,25 +97,22 @@ def _positions(present: Sequence[bool], tries: Sequence[Running]) -> list[int]:
 
 @attrs.frozen
 class Likeliest:
-    """The candidate that explains the likeness of the pictures best. score: correlation of
-    unlikeness with distance in the grid.
-    near: other grids that explain it nearly as well; others: the next ones.
-    """
+    """The candidate that explains the likeness of the pictures best."""
 
     run: Running
-    score: float
-    near: tuple[Running, ...]
-    others: tuple[Running, ...]
+    score: float  # correlation of difference with distance in the grid
+    near: tuple[Running, ...]  # other grids that explain it nearly as well
+    others: tuple[Running, ...]  # all other grids, the best first
 
     @property
     def clear(self) -> bool:
-        return self.score >= _SURE and not self.near
+        return not self.near
 
 
 def likeliest(
     read: Callable[[int], NDArray[np.uint8]], present: Sequence[bool], tries: Sequence[Running]
 ) -> Likeliest:
-    """The candidate that the pictures speak for.
+    """The candidate that the pictures support best.
 
     read(position): a view, any size; present: by position, whether there is one.
     """
@@ -175,7 +168,7 @@ def find_columns(
     likely = likeliest(read, present, tries)
     if likely.clear:
         return attrs.evolve(likely.run, score=likely.score)
-    # people more often make lines than narrow grids
+    # lines are more common than narrow grids
     best = next((run for run in likely.near if run.rows == 1), likely.run)
     others = dict.fromkeys(
         f"{run.rows}x{run.cols}" for run in (likely.run, *likely.others) if run.shape != best.shape
@@ -190,31 +183,14 @@ def find_columns(
 
 
 def copies(read: Callable[[int], NDArray[np.uint8]], positions: Sequence[int]) -> dict[int, int]:
-    """By position, the earlier one whose picture is the same, or nearly (saved again with other
-    losses), against what neighbours differ by; {} where that holds for more of them than people
-    save twice: nothing moves there.
+    """By position, the earlier one with the same picture; {} if there are more of them than people
+    save twice: then nothing moves.
     """
-    pictures = [np.asarray(read(position)) for position in positions]
-    if len(pictures) < 3 or len({picture.shape for picture in pictures}) > 1:
-        return {}
-    if len(pictures) > MAX_PICTURES:  # too many to compare all with all
-        first: dict[bytes, int] = {}
-        pairs = [(first.setdefault(picture.tobytes(), k), k) for k, picture in enumerate(pictures)]
-        again = {positions[k]: positions[j] for j, k in pairs if j != k}
-    else:
-        pictures = [
-            cv2.resize(picture, _COPY_PX, interpolation=cv2.INTER_AREA).astype(np.int16)
-            for picture in pictures
-        ]
-        unlike = np.full((len(pictures), len(pictures)), np.inf)
-        for j, k in combinations(range(len(pictures)), 2):
-            unlike[j, k] = unlike[k, j] = np.abs(pictures[j] - pictures[k]).mean()
-        limit = _SAME_SHARE * float(np.median(unlike.min(axis=0)))
-        again = {
-            positions[k]: positions[int(unlike[k, :k].argmin())]
-            for k in range(1, len(pictures))
-            if unlike[k, :k].min() <= limit
-        }
+    first: dict[bytes, int] = {}
+    pairs = [
+        (position, first.setdefault(read(position).tobytes(), position)) for position in positions
+    ]
+    again = {late: early for late, early in pairs if late != early}
     return again if 4 * len(again) <= len(positions) else {}
 
 
@@ -222,14 +198,14 @@ def lay_out(
     read: Callable[[int], NDArray[np.uint8]],
     present: Sequence[bool],
     grid: ViewIndex | None,
-    suspects: Sequence[int],
+    possible_copies: Sequence[int],
 ) -> tuple[Running | None, dict[int, int], dict[int, int]]:
     """(how the views of a run fill a grid, as `find_columns`; the new position of each view; by
-    position, the earlier one of which it is a copy). A copy is no view: it stands in the place of
-    another one, or between others. suspects: positions that may be copies.
+    position, the earlier one of which it is a duplicate). Duplicates are dropped; one may replace
+    a view or be inserted between views. possible_copies: positions to compare.
     """
     kept = [position for position, there in enumerate(present) if there]
-    again = copies(read, suspects)
+    again = copies(read, possible_copies)
     if not again:
         return find_columns(read, present, grid), {at: at for at in kept}, again
     kept = [position for position in kept if position not in again]
@@ -249,19 +225,14 @@ def lay_out(
 
 
 def _explained(run: Running, pairs: NDArray[np.int64], unlike: NDArray[np.float64]) -> float:
-    """Correlation of unlikeness with distance in the grid, at the ratio of row and column steps
-    that suits best.
-    """
+    """Correlation of unlikeness with distance in the grid."""
     if len(pairs) < 3 or unlike.std() <= 1e-9:
         return -1.0
     place = np.array([[run.index(a), run.index(b)] for a, b in pairs.tolist()], np.float64)
     rows, cols = np.abs(place[:, 0] - place[:, 1]).T
     if run.ring:  # straight through the circle
         cols = run.cols / np.pi * np.sin(np.pi * cols / run.cols)
-    ratios = _ROW_STEPS if min(run.shape) > 1 else (1.0,)
-    far = [
-        1 - np.exp(-np.hypot(ratio * rows, cols) / reach) for ratio in ratios for reach in _REACHES
-    ]
+    far = [1 - np.exp(-np.hypot(rows, cols) / reach) for reach in _REACHES]
     return max(
         (float(np.corrcoef(distance, unlike)[0, 1]) for distance in far if distance.std() > 1e-9),
         default=-1.0,

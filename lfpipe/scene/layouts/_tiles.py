@@ -1,5 +1,5 @@
-"""Pictures of many tiles, one view each: finds the tiles by lines of one colour between them, or
-because neighbours are alike, and whether they are a grid of views or, as in a quilt, one line.
+"""Pictures of many tiles, one view each: finds the tiles by lines of one colour between them or by
+the likeness of neighbours, and whether they form a grid of views or one line, as in a quilt.
 """
 
 import re
@@ -32,12 +32,9 @@ _SAME_PICTURE = 0.98  # correlation of two files of one picture
 _LOOK_PX = 32  # side of pictures that are compared
 _FROM_THE_TOP = "whether its first view is the top left tile: a quilt begins at the bottom left"
 MAX_TILES = 64  # along one side
-_SMALLEST_TILE_PX = 24  # less shows nothing
 _GLANCE_PX = 1024  # longer side of the reduced picture in which tiles are detected
 # limits of `_unlike` for neighbouring tiles; above the last, there are none
 _TWO_AXES, _ONE_AXIS, _PLAIN = 0.5, 0.2, 0.8
-# of scores, to which the likeness of neighbours adds at most 1: each kind beats the next
-_BY_LINES, _BY_DISPLAY, _BY_NAME, _BY_TWO_AXES = 4.0, 3.0, 2.0, 1.0
 # grey levels from the colour of lines (JPEG blurs them), and share of a line
 _LINE_LEVELS = (4, 16, 48)
 _LINE_SHARE = 0.98
@@ -59,25 +56,20 @@ def plane_of(picture: NDArray[Any]) -> NDArray[np.uint8]:
 
 @attrs.frozen(kw_only=True)
 class Tiling:
-    """Where the tiles of a picture lie: tops and lefts in px, and their common size; what lies
-    between them belongs to none.
-    quilt: one row of views from the bottom left tile to the right, then upwards (downwards with
-    `down`). doubt: what the pictures leave open, "" for nothing.
-    """
+    """The positions of a picture's tiles, and their common size."""
 
-    tops: tuple[int, ...]
-    lefts: tuple[int, ...]
+    tops: tuple[int, ...]  # px
+    lefts: tuple[int, ...]  # px
     height_px: int
     width_px: int
-    quilt: bool = False
-    down: bool = False
-    doubt: str = ""
+    quilt: bool = False  # one row of views, from the bottom left tile to the right, then upwards
+    down: bool = False  # a quilt from the top left tile, downwards
+    doubt: str = ""  # what the pictures leave ambiguous, "" for nothing
 
     @classmethod
     def even(cls, picture: NDArray[Any], rows: int, cols: int, resized: bool = True) -> "Tiling":
-        """Tiles of one size without gaps. Where they do not divide the picture, it was resized, and
-        they lie at fractions of a pixel; else a remainder at the right and the bottom belongs to
-        none.
+        """Tiles of one size without gaps. If they do not divide the picture, they lie at fractions
+        of a pixel (resized), or leave a remainder at the right and the bottom.
         """
         height, width = picture.shape[0] // rows, picture.shape[1] // cols
         down, across = height, width
@@ -110,17 +102,17 @@ class Tiling:
         return picture[top : top + self.height_px, left : left + self.width_px]
 
 
-def dip(grey: NDArray[np.float32], axis: int, period: float, plain: float = 1e-3) -> float:
+def dip(grey: NDArray[np.float32], axis: int, period: float) -> float:
     """Mean square difference between a picture and itself at a shift of one period along an axis,
-    relative to shifts of half a period more or less: 1 where these are plain. What repeats has a
-    dip there; the difference of an ordinary picture only grows with the shift.
+    relative to shifts of half a period more or less; 1 for a plain picture. Small for a repeating
+    picture; in an ordinary one the difference only grows with the shift.
     """
     along = grey if axis == 0 else grey.T
     at, less, more = (
         float(np.mean((along[n:] - along[:-n]) ** 2))
         for n in (round(period * by) for by in (1, 0.5, 1.5))
     )
-    return at / min(less, more) if min(less, more) > plain else 1.0
+    return at / min(less, more) if min(less, more) > 1e-3 else 1.0
 
 
 def _unlike(grey: NDArray[np.float32], axis: int) -> dict[int, float]:
@@ -132,12 +124,10 @@ def _unlike(grey: NDArray[np.float32], axis: int) -> dict[int, float]:
 
 
 def _period(unlike: dict[int, float], full_px: int) -> tuple[int, float]:
-    """The number of tiles whose neighbours are most alike, and their difference; (1, 1.0) if no
-    number divides.
+    """The number of tiles with the most similar neighbours, and their difference; (1, 1.0) if no
+    number divides the side.
     """
-    fits = {
-        n: u for n, u in unlike.items() if full_px % n == 0 and full_px // n >= _SMALLEST_TILE_PX
-    }
+    fits = {n: u for n, u in unlike.items() if full_px % n == 0 and full_px // n >= MIN_VIEW_PX}
     best = min(fits, key=lambda n: fits[n], default=1)
     return best, fits.get(best, 1.0)
 
@@ -172,11 +162,7 @@ def _runs(plain: NDArray[np.bool_]) -> list[tuple[int, int]]:
 def _even(runs: list[tuple[int, int]], whole_px: int) -> bool:
     """Whether runs have one size and lines between them another, smaller one."""
     sizes, gaps = [last - first for first, last in runs], [b[0] - a[1] for a, b in pairwise(runs)]
-    if (
-        len(runs) > MAX_TILES
-        or min(sizes) < _SMALLEST_TILE_PX
-        or max(sizes) - min(sizes) > _SOFT_PX
-    ):
+    if len(runs) > MAX_TILES or min(sizes) < MIN_VIEW_PX or max(sizes) - min(sizes) > _SOFT_PX:
         return False
     around = runs[0][0] + whole_px - runs[-1][1]
     # of tiles with a plain background: they belong to the tiles
@@ -208,26 +194,24 @@ def find_tiles(picture: NDArray[Any], name: str = "") -> Tiling | None:
 
     name: of the file or folder; a grid named in it (9x9) is used unless the picture contradicts it.
     """
+    lined = _by_lines(picture)
+    if lined is not None:
+        return lined
     height, width = picture.shape[:2]
+    if (width, height) in UNEVEN:
+        cols, rows = UNEVEN[width, height]
+        tiles = find_tiles(picture[: height - height % rows, : width - width % cols], name)
+        if tiles is not None and tiles.shape == (rows, cols):
+            return tiles
     order = ranked(f"the tiles of {width}x{height} px", list(_candidates(picture, name)))
     return order[0].value if order else None
 
 
 def _candidates(picture: NDArray[Any], name: str) -> Iterator[Candidate[Tiling]]:
-    """What lines, the usual size of a display, a grid in the name and the likeness of neighbouring
-    tiles speak for; no more once nothing can be better.
+    """A grid in the name, and grids whose neighbouring tiles are alike: the name ranks first, then
+    likeness along both axes, then along one.
     """
     height, width = picture.shape[:2]
-    lined = _by_lines(picture)
-    if lined is not None:
-        yield _candidate("lines between them", lined, _BY_LINES)
-        return
-    if (width, height) in UNEVEN:
-        cols, rows = UNEVEN[width, height]
-        tiles = find_tiles(picture[: height - height % rows, : width - width % cols], name)
-        if tiles is not None and tiles.shape == (rows, cols):
-            yield _candidate("the size of a display", tiles, _BY_DISPLAY)
-            return
     small = reduced(picture, _GLANCE_PX)  # of a single plane it would be a copy
     plane = (small if small.ndim == 2 else small[..., 1]).astype(np.float32)
     down, across = _unlike(plane, 0), _unlike(plane, 1)
@@ -235,7 +219,7 @@ def _candidates(picture: NDArray[Any], name: str) -> Iterator[Candidate[Tiling]]
         rows, cols = int(named[1]), int(named[2])
         unlike = max(down.get(rows, 0), across.get(cols, 0))
         if rows * cols > 1 and not (height % rows or width % cols) and unlike < _PLAIN:
-            yield _candidate("the name", Tiling.even(picture, rows, cols), _BY_NAME, unlike)
+            yield _candidate("the name", Tiling.even(picture, rows, cols), 2, unlike)
     (rows, row_unlike), (cols, col_unlike) = _period(down, height), _period(across, width)
     unlike = max(row_unlike, col_unlike)
     grid = Tiling.even(picture, rows, cols)
@@ -245,32 +229,32 @@ def _candidates(picture: NDArray[Any], name: str) -> Iterator[Candidate[Tiling]]
     elif row_unlike < _ONE_AXIS and rows > 2:
         strip = Tiling.even(picture, rows, 1)
     if unlike < _TWO_AXES:
-        yield _candidate("likeness along both axes", grid, _BY_TWO_AXES, unlike)
+        yield _candidate("likeness along both axes", grid, 1, unlike)
     elif strip is not None:
-        yield _candidate("likeness along one axis", strip, 0.0, min(row_unlike, col_unlike))
+        yield _candidate("likeness along one axis", strip, 0, min(row_unlike, col_unlike))
         if unlike <= _PLAIN:
             either = f"{rows}x{cols}, or {strip.shape[0]}x{strip.shape[1]}"
             yield _candidate(
                 "likeness along both axes",
                 attrs.evolve(grid, doubt=f"the tiles: {either} (--set scene.grid=ROWSxCOLS)"),
-                _BY_TWO_AXES,
+                1,
                 unlike,
             )
 
 
-def _candidate(why: str, tiling: Tiling, prior: float, unlike: float = 0.0) -> Candidate[Tiling]:
-    """unlike: how much neighbouring tiles differ, as `dip`."""
+def _candidate(why: str, tiling: Tiling, rank: int, unlike: float) -> Candidate[Tiling]:
+    """unlike: how much neighbouring tiles differ, as `dip`, less than 1."""
     return Candidate(
         what=f"{tiling.shape[0]}x{tiling.shape[1]}, by {why}",
-        score=prior + 1 - unlike,
+        score=rank + 1 - unlike,
         value=tiling,
-        evidence={"neighbours unlike": unlike},
+        measures={"neighbours unlike": unlike},
     )
 
 
 def _as_quilt(picture: NDArray[Any], plain: Tiling) -> Tiling:
-    """The tiles as one line of views, from the bottom left (or the top left) one, where that
-    explains the likeness of tiles better than their grid does.
+    """The tiles as one line of views, from the bottom left (or the top left) one, if that explains
+    the likeness of tiles better than a grid.
     """
     rows, cols = plain.shape
     if min(rows, cols) < 2:

@@ -4,8 +4,8 @@ set, lf.h5.
 Axes are (rows, cols, height, width, planes) or (height, width, rows, cols, planes), by the sizes,
 in NumPy files perhaps with frames before them; planes are 1 (grey) or 3 (red first). Values are
 uint8, uint16, or float 0 .. 1 or 0 .. 255. An .npz holds `views`, and perhaps `disparity` (rows,
-cols, height, width), px per view, nearer is larger; and `positions` (rows, cols, 2), where each
-camera stood, (down, right) in any unit. MATLAB files hold LF: LFToolbox's NAME__Decoded.mat and
+cols, height, width), px per view, nearer is larger; and `positions` (rows, cols, 2), the camera
+positions, (down, right) in any unit. MATLAB files hold LF: LFToolbox's NAME__Decoded.mat and
 BasicLFSR's. v7.3 files are HDF5, axes in reverse order; older ones need scipy (the extra
 `scipy`). lf.h5 holds LF, GT_DEPTH and attributes, columns from right to left: Wanner,
 Meister, Goldluecke, "Datasets and Benchmarks for Densely Sampled 4D Light Fields", VMV 2013; in a
@@ -43,7 +43,6 @@ from lfpipe.scene.source import GridTransform, Layout, SceneSource
 VIEWS, DISPARITY, POSITIONS = "views", "disparity", "positions"
 AXES = "(rows, cols, height, width, 1 or 3), or (frames, rows, cols, height, width, 1 or 3)"
 _KEYS = ("LF", "lf", "LightField", "lightfield")
-_PLANES = (1, 3, 4, 5)  # grey, colour, and colour with weights behind it
 # of what files say of cameras, in mm or px: beyond, and where it is NaN, it is not known
 LARGEST = 1e9
 
@@ -173,8 +172,8 @@ def _numpy_source(listing: Listing, path: Path) -> SceneSource:
             f"{path}: {POSITIONS} contains NaN or infinite values", "give finite numbers"
         )
 
-    stood = None if positions is None else np.asarray(positions, np.float64)
-    turn = None if stood is None else coordinate_turn(stood)
+    camera_positions = None if positions is None else np.asarray(positions, np.float64)
+    turn = None if camera_positions is None else coordinate_turn(camera_positions)
     truth = (
         {}
         if disparity is None
@@ -199,7 +198,7 @@ def _numpy_source(listing: Listing, path: Path) -> SceneSource:
             if turn
             else "rows of the array are counted from the top, columns from the left"
         ),
-        coordinates=stood,
+        coordinates=camera_positions,
         truth=truth,
     )
     if views.dtype != np.uint16:
@@ -290,7 +289,8 @@ def axis_order(shape: tuple[int, ...], reversible: bool = True) -> tuple[int, ..
         rows, cols, height, width, planes = (sizes[axis] for axis in order)
         ratio = height * width / (rows * cols)
         large = min(height, width) >= MIN_VIEW_PX and ratio >= 1
-        if planes in _PLANES and large and (best is None or ratio > best[0]):
+        # planes: grey, colour, or colour with weights
+        if planes in (1, 3, 4, 5) and large and (best is None or ratio > best[0]):
             best = ratio, axes
     return best and best[1]
 

@@ -195,17 +195,17 @@ def _describe_stanford(listing: Listing, scene: config.Scene) -> SceneSource:
     source = placed_views(
         "stanford", listing, {name: (int(m[1]), int(m[2])) for name, m in matches.items()}
     )
-    stood = np.full((source.rows, source.cols, 2), np.nan)
+    camera_positions = np.full((source.rows, source.cols, 2), np.nan)
     for place, path in zip(source.places, source.files, strict=True):
         for axis in (0, 1):
             value = finite(matches[path.name][3 + axis], -LARGEST, LARGEST)
-            stood[place][axis] = np.nan if value is None else value
-    turn = coordinate_turn(stood)
+            camera_positions[place][axis] = np.nan if value is None else value
+    turn = coordinate_turn(camera_positions)
     if turn is None:
         return source
     return attrs.evolve(
         source,
-        coordinates=stood if np.isfinite(stood).all() else None,
+        coordinates=camera_positions if np.isfinite(camera_positions).all() else None,
         turn=turn,
         turn_by="camera coordinates in the names",
     )

@@ -1,6 +1,6 @@
-"""Plenoptic cameras. ESLF: one PNG of lenslets, N x N px each (14 x 14 of a Lytro Illum), as in
-LFToolbox's LFReadESLF; pixel (row, col) of every lenslet is one view. Raw pictures are a honeycomb
-of lenslets; the outer views are dark or empty.
+"""Plenoptic cameras. ESLF: one PNG, with `eslf` in its name, of lenslets of N x N px (14 x 14 of a
+Lytro Illum; else scene.grid), as in LFToolbox's LFReadESLF; pixel (row, col) of every lenslet is
+one view. Raw pictures are a honeycomb of lenslets; the outer views are dark or empty.
 """
 
 from typing import Any
@@ -14,19 +14,12 @@ from lfpipe import config
 from lfpipe.files.pictures import read_picture
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import parse_grid
-from lfpipe.scene.layouts._tiles import dip, require_picture, single_picture
+from lfpipe.scene.layouts._tiles import require_picture, single_picture
 from lfpipe.scene.source import GridTransform, SceneSource, ViewIndex
 
 NAME = "eslf"
-_USUAL = 14  # pitch of a Lytro Illum
-_PITCHES = range(5, 25)  # px: Lytro's lenslets have 10 to 15
-_GLANCE_PX = 1024  # of the middle
-# of the examined crop, of a lenslet; over the median around it
-_CROP_PX = 512
 _PITCH_PX = (5, 30)
 _PEAK = 300.0
-# of the highest peak, at 60 degrees from it: honeycombs have .5 to .7, mosaics up to .08
-_PEAK_SHARE = 0.25
 _SMALLEST_PX = 256  # side of a raw picture: at least thousands of px
 # brightness over that of the middle view; darker sides and views are left out
 _DARK_SIDE, _DARK_VIEW = 0.55, 0.4
@@ -39,23 +32,11 @@ def _middle(picture: NDArray[Any], most_px: int) -> NDArray[np.float32]:
     return plane[top : top + most_px, left : left + most_px].astype(np.float32)
 
 
-def lenslet_pitch(picture: NDArray[Any]) -> int | None:
-    """The side of a lenslet in px, or None: neighbouring lenslets are nearly alike, their halves
-    are not.
-    """
-    crop = _middle(picture, _GLANCE_PX)
-    if min(crop.shape) < 4 * max(_PITCHES):
-        return None
-    dips = {pitch: max(dip(crop, axis, pitch, plain=1) for axis in (0, 1)) for pitch in _PITCHES}
-    best = min(dips, key=lambda pitch: dips[pitch])
-    return best if dips[best] < 0.5 else None
-
-
 def is_honeycomb(picture: NDArray[Any]) -> bool:
     """Whether a picture is a raw honeycomb of lenslets: its spectrum has peaks at equal distance,
     60 degrees apart.
     """
-    size = min(_CROP_PX, *picture.shape[:2])
+    size = min(512, *picture.shape[:2])
     if size < _SMALLEST_PX:
         return False
     crop = _middle(picture, size)
@@ -79,7 +60,7 @@ def is_honeycomb(picture: NDArray[Any]) -> bool:
         near = power[max(0, py - 2) : py + 3, max(0, px - 2) : px + 3]
         return float(near.max()) if near.size else 0.0
 
-    least = max(_PEAK * usual, _PEAK_SHARE * float(power.flat[at]), power_at(np.pi / 2))
+    least = max(_PEAK * usual, power_at(np.pi / 2))
     return min(power_at(np.pi / 3), power_at(-np.pi / 3)) > least
 
 
@@ -134,22 +115,18 @@ def lit(source: SceneSource) -> SceneSource:
 
 def detect(listing: Listing) -> int | None:
     path = single_picture(listing)
-    if path is None or "eslf" in path.stem.lower():
-        return None if path is None else 90
-    return 70 if lenslet_pitch(read_picture(path)[0]) else None
+    return None if path is None or "eslf" not in path.stem.lower() else 90
 
 
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     path = require_picture(listing)
     picture, full = read_picture(path)
-    pitch = lenslet_pitch(picture) or _USUAL
-    rows, cols = parse_grid(scene.grid) or (pitch, pitch)
+    rows, cols = parse_grid(scene.grid) or (14, 14)  # a Lytro Illum's
     below, beside = -picture.shape[0] % rows, -picture.shape[1] % cols
     if below or beside:  # LFToolbox fills up at the end
         picture = cv2.copyMakeBorder(picture, 0, below, 0, beside, cv2.BORDER_CONSTANT)
     return lit(
         SceneSource(
-            certain="eslf" in path.stem.lower(),
             layout=NAME,
             path=listing.path,
             files=(path,),

@@ -40,10 +40,8 @@ _COLOUR = re.compile(r"(?<![a-z])(rgb|colou?r|images?|img|photo|picture)(?![a-z]
 # of a recording: colour and depth of one number in one folder; other words may name views
 _FRAME = re.compile(r"(rgb|colou?r)[-_. ]*\d{1,9}")
 _INVERSE = re.compile(r"disp|inverse|inv[-_ ]?depth")  # larger is nearer by definition
-_GRID = (5, 9)  # of made views: eyes move sideways more than up and down
 _MAX_PX = 700_000  # of the made views: 45 of them are packed in ten seconds
 _SAME_SHAPE = 1.2  # most ratio of the aspects of a picture and its depth map
-_RANGE_SHARE = 0.008  # of the width: disparity between the nearest and the farthest, per view
 # levels between channels: at most for a depth map, at least for a picture
 _GREY, _COLOURED = 2.0, 6.0
 _LOWER = 0.35  # correlation of height with nearness that means something
@@ -57,17 +55,14 @@ _FRAMES = (
 
 @attrs.frozen(eq=False, kw_only=True)
 class _Photo:
-    """A picture with its depth. full: the picture's full value. nearness: float32 (h, w), larger is
-    nearer, NaN where it was not measured; why: how it was read; doubt: what that leaves open, ""
-    for nothing.
-    """
+    """A picture with its depth."""
 
     paths: tuple[Path, ...]
     picture: NDArray[Any]
-    full: int
-    nearness: NDArray[np.float32]
-    why: str
-    doubt: str = ""
+    full: int  # full-scale value of the picture
+    nearness: NDArray[np.float32]  # (h, w), larger is nearer, NaN where it was not measured
+    why: str  # how the map was interpreted
+    doubt: str = ""  # what that leaves ambiguous, "" for nothing
 
 
 def read_depth(
@@ -291,7 +286,8 @@ def _disparity(photo: _Photo, height: int, width: int) -> NDArray[np.float32]:
     share = np.asarray(
         cv2.resize(share.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
     )
-    return np.asarray((share - np.float32(0.5)) * np.float32(_RANGE_SHARE * width), np.float32)
+    # per view, between the nearest and the farthest
+    return np.asarray((share - np.float32(0.5)) * np.float32(0.008 * width), np.float32)
 
 
 def _unused(listing: Listing, photo: _Photo) -> list[str]:
@@ -308,7 +304,8 @@ def _unused(listing: Listing, photo: _Photo) -> list[str]:
 
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     photo = _read(listing)
-    rows, cols = parse_grid(scene.grid) or _GRID
+    # eyes move sideways more than up and down
+    rows, cols = parse_grid(scene.grid) or (5, 9)
     require_grid(rows, cols, str(listing.path))
     picture = photo.picture
     notes = [f"{rows}x{cols} views are made from one picture and its depth; {photo.why}"]

@@ -45,7 +45,7 @@ from lfpipe.scene.layouts._tiles import (
 )
 from lfpipe.scene.layouts.stereo import are_a_pair
 from lfpipe.scene.optical_flow import returned_flow, textured
-from lfpipe.scene.plausibility import gather_evidence
+from lfpipe.scene.plausibility import measure_views
 from lfpipe.scene.source import GridTransform, Layout, SceneSource
 from lfpipe.scene.video import USUAL_RATE_HZ, Video
 
@@ -57,7 +57,6 @@ _DOWN_SHARE = 0.15  # of the motion across: a pair of eyes looks from one height
 _ANAGLYPH = re.compile(r"anaglyph|(?<![a-z])(red|rot|rouge|rosso)[-_ ]?(cyan|blue|blau|bleu|blu)")
 _SMALL_PX = 128  # side of frames that are compared
 _STILLS = ("JPEG", "TIFF", "HEIF")  # of which several in one file are no animation
-_SAME = 2.0  # grey levels between frames of one view: dithering
 
 
 def _is_anaglyph(picture: NDArray[Any], name: str) -> bool:
@@ -115,7 +114,8 @@ def _one_way(frames: list[NDArray[Any]]) -> list[NDArray[Any]]:
     """The frames before the sequence reverses; all of them if it does not."""
 
     def same(a: int, b: int) -> bool:
-        return float(cv2.norm(frames[a], frames[b], cv2.NORM_L1)) < _SAME * frames[a].size
+        # dithering differs by a level or two
+        return float(cv2.norm(frames[a], frames[b], cv2.NORM_L1)) < 2.0 * frames[a].size
 
     count = len(frames)
     for last, back in ((count // 2, count), (count // 2 - 1, count - 1)):
@@ -180,8 +180,8 @@ def _describe_animation(listing: Listing, scene: config.Scene) -> SceneSource:
         notes=tuple(notes),
     )
     unsteady = is_video and run.rows == 1 and scene.layout == "auto" and not grid
-    evidence = gather_evidence(source) if unsteady else None
-    if unsteady and not (evidence and evidence.change):
+    measured = measure_views(source) if unsteady else None
+    if unsteady and not (measured and measured.change):
         raise UserError(
             f"{path}: no tiles were recognised in {width}x{height} px, and its frames form no grid",
             f"if the camera slid sideways, make views with `lfpipe scene make {path}`; else give"

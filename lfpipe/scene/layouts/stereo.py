@@ -28,10 +28,8 @@ from lfpipe.scene.source import GridTransform, SceneSource
 NAME = "stereo"
 # Middlebury's pairs, the left one first
 _NUMBERED = {"im2": "im6", "im0": "im1", "view1": "view5", "img_left": "img_right"}
-_MAX_NUMBERED = 4  # pictures in such a folder; more are all views of such a set
 # folders of two cameras that recorded side by side
 _CAMERAS = re.compile(r"(image|img|cam|camera|eye|sensor)s?[-_ ]?\d{1,2}(/.*)?")
-_RECORDED = 3  # pictures of each of them, at least: fewer are rows of a small grid
 _BESIDE = re.compile(
     r"(?<![a-z])(h?sbs|half[-_ ]?sbs|side[-_ ]?by[-_ ]?side|parallel|lr"
     r"|(left|right)[-_ ]?(right|left))(?![a-z])"
@@ -43,18 +41,16 @@ _ABOVE = re.compile(
 _HALF = re.compile(r"(?<![a-z])(h|half[-_ ]?)(sbs|ou|tb|width|over|top|side)")
 _VIDEO_ASPECTS = (1.7, 1.85)  # a picture of this shape holds halves squeezed to half their width
 _GLANCE_PX = 384  # longer side of the compared halves
-_ALIKE, _AGREED = 0.5, 0.5  # correlation of two halves; share of their detail that flow matches
+_AGREED = 0.5  # share of the detail of two halves that flow matches
 
 
 @attrs.frozen
 class _Halves:
-    """How a picture holds two: one above the other, else side by side; squeezed to half the width
-    or height; named: its name says that it does.
-    """
+    """How a picture holds two."""
 
-    above: bool
-    squeezed: bool
-    named: bool
+    above: bool  # one above the other, else side by side
+    squeezed: bool  # to half the width or height
+    named: bool  # the name says so
 
 
 def _pairs(listing: Listing) -> list[tuple[str, str]]:
@@ -66,7 +62,8 @@ def _pairs(listing: Listing) -> list[tuple[str, str]]:
             re.fullmatch(left.rstrip("0123456789") + r"\d{1,4}", stem) is not None
             for stem in by_stem
         )
-        if left in by_stem and right in by_stem and numbered <= _MAX_NUMBERED:
+        # more are all views of such a set
+        if left in by_stem and right in by_stem and numbered <= 4:
             return [(by_stem[left], by_stem[right])]
     if recorded := _recorded(listing):
         return recorded
@@ -94,7 +91,8 @@ def _recorded(listing: Listing) -> list[tuple[str, str]]:
     ]
     pairs = [pair for pair in pairs if pair[1] in names]
     return (
-        pairs if len(pairs) >= _RECORDED and _differ_sideways(*map(listing.file, pairs[0])) else []
+        # fewer are rows of a small grid
+        pairs if len(pairs) >= 3 and _differ_sideways(*map(listing.file, pairs[0])) else []
     )
 
 
@@ -120,11 +118,6 @@ def are_a_pair(a: NDArray[Any], b: NDArray[Any]) -> bool:
     """Whether two pictures of equal size show one scene from two positions side by side."""
     greys = [plane_of(reduced(picture, _GLANCE_PX)) for picture in (a, b)]
     if min(greys[0].shape) < 24 or min(float(grey.std()) for grey in greys) < 2:
-        return False
-    a_soft, b_soft = (
-        np.asarray(cv2.GaussianBlur(grey, (0, 0), 4), np.float64).ravel() for grey in greys
-    )
-    if float(np.corrcoef(a_soft, b_soft)[0, 1]) < _ALIKE:
         return False
     to_right, confirmed = returned_flow(*greys)
     detail = textured(greys[0])

@@ -15,7 +15,7 @@ from lfpipe.cli.scene import scene
 from lfpipe.errors import UserError
 from lfpipe.extras.phone.slide import Slide, make_slide
 from lfpipe.scene import layouts
-from lfpipe.scene.examination import examine_scene
+from lfpipe.scene.analysis import analyse_scene
 from tests.scene import made
 from tests.scene.test_plausibility import zoomed
 from tests.scene.writers import film
@@ -113,7 +113,7 @@ def test_a_row_of_unknown_direction_has_numbers_and_keeps_the_doubt(tmp_path: Pa
     row = slide(tmp_path, views)
     assert not row.order_sure
     assert sorted(path.name for path in (tmp_path / "out").glob("*"))[0] == "view_00.png"
-    assert "invert_depth" in examine_scene(tmp_path / "out", config.Scene()).orientation.undecided
+    assert "invert_depth" in analyse_scene(tmp_path / "out", config.Scene()).orientation.undecided
 
 
 def test_a_change_of_exposure_is_taken_out(tmp_path: Path) -> None:

@@ -1,6 +1,4 @@
-"""What the packer learns about a scene from its names and a few views, before it reads all
-of them.
-"""
+"""Analysis of a scene from its names and a few views, before all of them are read."""
 
 import os
 from functools import cached_property
@@ -14,35 +12,35 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene import layouts
+from lfpipe.scene.classification import Measurements, SceneKind
 from lfpipe.scene.description import FILE, stated, with_stated
 from lfpipe.scene.files import library_errors
 from lfpipe.scene.lightfield import Depth, OrientationFacts
 from lfpipe.scene.orientation import Orientation, orient
 from lfpipe.scene.plausibility import plausible
 from lfpipe.scene.source import GridTransform, SceneSource, ViewIndex
-from lfpipe.scene.verdict import Evidence
 
 STRIP_ROWS = 256  # of a large view, processed at a time to limit memory
 SCREEN_GAMMA = 2.2  # of linear-light pictures: out = in ** (1 / gamma)
 # median and mean of a linear-light picture of an ordinary scene are lower,
 # those of a screen-ready one higher
 _DARK = 0.17
+STATED = {"yes": True, "no": False}  # scene.invert_depth
 FrameIndex = tuple[int, int, int]  # frame, row, column
 
 
 @attrs.frozen(eq=False, slots=False, kw_only=True)
-class Examined:
-    """gamma: the exponent for the scene's values, with the reason. channels: 1 or 3. turn, rows,
-    cols, present and offsets are those of the pack, whose order leaves the half-turn to the
-    session.
+class AnalysedScene:
+    """An analysed scene. turn, rows, cols, present and offsets are those of the pack, whose order
+    leaves depth inversion to the session.
     """
 
     source: SceneSource
     orientation: Orientation
-    gamma: float
-    gamma_by: str
-    channels: int
-    evidence: Evidence | None = None
+    gamma: float  # exponent of the scene's values
+    gamma_by: str  # what determines it
+    channels: int  # 1 or 3
+    measured: Measurements | None = None
 
     @property
     def turn(self) -> GridTransform:
@@ -52,15 +50,18 @@ class Examined:
     def orientation_facts(self) -> OrientationFacts:
         """The facts of the pack; a stated depth order is certain."""
         facts = self.orientation.facts
-        if self.source.stated_depth_order == "auto":
+        inverted = self.source.stated_inverted
+        if inverted is None:
             return facts
-        inverted = self.source.stated_depth_order == "yes"
         return attrs.evolve(facts, invert_depth=inverted, depth_order_sure=True)
 
     @property
     def too_far_apart(self) -> bool:
-        """Whether the views are too far apart to make others between them."""
-        return self.evidence is not None and self.evidence.verdict.kind == "too far apart"
+        """Whether the views are too far apart to interpolate between them."""
+        return (
+            self.measured is not None
+            and self.measured.classification.kind is SceneKind.TOO_FAR_APART
+        )
 
     @property
     def depth(self) -> Depth:
@@ -88,7 +89,7 @@ class Examined:
         )
 
     def file_index(self, row: int, col: int) -> ViewIndex:
-        """The place in the source of a view of the pack."""
+        """The file index of a view of the pack."""
         return self.turn.file_index(row, col, self.rows, self.cols)
 
     @cached_property
@@ -102,11 +103,11 @@ class Examined:
     @cached_property
     def offsets(self) -> NDArray[np.float32]:
         """As in LightField."""
-        stood = self.source.coordinates
+        camera_positions = self.source.coordinates
         return (
             np.zeros((self.rows, self.cols, 2), np.float32)
-            if stood is None
-            else grid_offsets(self.turn.applied(stood))
+            if camera_positions is None
+            else grid_offsets(self.turn.applied(camera_positions))
         )
 
     @cached_property
@@ -119,10 +120,10 @@ class Examined:
         ]
 
 
-def examine_scene(path: str | os.PathLike[str], scene: config.Scene) -> Examined:
-    """Examines the scene at path. Raises UserError if there is none."""
+def analyse_scene(path: str | os.PathLike[str], scene: config.Scene) -> AnalysedScene:
+    """Analyses the scene at path. Raises UserError if there is none."""
     with library_errors(path):
-        return examine_source(*checked_source(path, scene))
+        return analyse_source(*checked_source(path, scene))
 
 
 def checked_source(
@@ -139,16 +140,16 @@ def checked_source(
         source = attrs.evolve(
             source,
             files=(*source.files, file),
-            stated_depth_order=values.get("invert_depth", "auto"),
+            stated_inverted=STATED.get(values.get("invert_depth", "auto")),
             notes=(*source.notes, f"{FILE} states {', '.join(values)}"),
         )
     require_plausible_truth(source)
     return source, scene
 
 
-def examine_source(source: SceneSource, scene: config.Scene) -> Examined:
-    """Examines a few views. Raises UserError if they are no light field."""
-    source, evidence = plausible(source, scene.force)
+def analyse_source(source: SceneSource, scene: config.Scene) -> AnalysedScene:
+    """Analyses a few views. Raises UserError if they are no light field."""
+    source, measured = plausible(source, scene.force)
     middle = source.read(0, *source.middle)
     ends = (
         {(0, 0), (0, source.cols - 1), (source.rows - 1, source.cols - 1)}
@@ -159,16 +160,16 @@ def examine_source(source: SceneSource, scene: config.Scene) -> Examined:
         source.rendered or all(is_grey(source.read(0, *place)) for place in ends)
     )
     order = orient(source, scene)
-    if evidence is not None and evidence.missed_motion is not None:
-        order = attrs.evolve(order, depth=_depth_of(source, order, evidence.missed_motion))
+    if measured is not None and measured.missed_motion is not None:
+        order = attrs.evolve(order, depth=_depth_of(source, order, measured.missed_motion))
     gamma, gamma_by = _gamma(source, scene, middle)
-    return Examined(
+    return AnalysedScene(
         source=source,
         orientation=order,
         gamma=gamma,
         gamma_by=gamma_by,
         channels=1 if grey else 3,
-        evidence=evidence,
+        measured=measured,
     )
 
 
@@ -228,20 +229,22 @@ def looks_linear(middle: NDArray[Any], max_value: int) -> bool:
     )
 
 
-def grid_offsets(stood: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Offset of each camera from the best regular grid, float32 (rows, cols, 2) in steps (row,
-    col); zeros if they span no grid.
+def grid_offsets(camera_positions: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Camera positions minus those of the best regular grid, (rows, cols, 2) in steps (row, col);
+    zeros if they span no grid.
 
-    stood: float64 (rows, cols, 2) in canonical order, (down, right) in any unit, not finite if
+    camera_positions: (rows, cols, 2) in canonical order, (down, right) in any unit, not finite if
     unknown.
     """
-    out = np.zeros(stood.shape, np.float32)
-    row, col = np.nonzero(np.isfinite(stood).all(axis=2))
+    out = np.zeros(camera_positions.shape, np.float32)
+    row, col = np.nonzero(np.isfinite(camera_positions).all(axis=2))
     for axis, index in ((0, row), (1, col)):
         if len(np.unique(index)) > 1:
-            step, first = np.polyfit(index, stood[row, col, axis], 1)
+            step, first = np.polyfit(index, camera_positions[row, col, axis], 1)
             if abs(step) > 1e-9:
-                out[row, col, axis] = (stood[row, col, axis] - first - step * index) / step
+                out[row, col, axis] = (
+                    camera_positions[row, col, axis] - first - step * index
+                ) / step
     return np.clip(out, -0.49, 0.49)
 
 

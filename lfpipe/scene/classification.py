@@ -1,11 +1,12 @@
-"""What the measurements of a scene mean: the two verdicts, and all of their thresholds.
+"""Classifies a scene by its measurements; all thresholds are here.
 
-Before packing, a few small views (`plausibility`) say whether the pictures are a light field. After
-it, held-out views of the pack (`render.scoring`) say which method makes its views.
+Before packing, a few small views (`plausibility`) show whether the pictures are a light field.
+Afterwards, held-out views of the pack (`render.synthesis.scoring`) select the rendering method.
 """
 
+import enum
 from collections.abc import Mapping, Sequence
-from typing import Literal, Self
+from typing import Self
 
 import attrs
 import numpy as np
@@ -30,17 +31,26 @@ WARPED_PX = 0.5  # disparity from which on a warp is worth it where no view can 
 BLEND_PX = 2.0  # disparity up to which a cross-fade shows no double edges worth mentioning
 
 
-@attrs.frozen(kw_only=True)
-class Verdict:
-    """What the pictures of a scene are."""
+class SceneKind(enum.Enum):
+    """What a set of pictures is."""
 
-    kind: Literal["light field", "one view", "too far apart", "no light field"]
+    LIGHT_FIELD = enum.auto()
+    ONE_VIEW = enum.auto()  # nothing moves between the pictures
+    TOO_FAR_APART = enum.auto()  # no views can be made between them
+    NOT_A_LIGHT_FIELD = enum.auto()
+
+
+@attrs.frozen
+class Classification:
+    """What the pictures of a scene are, and why."""
+
+    kind: SceneKind
     reason: str = ""  # for people; "" for a light field
 
 
 @attrs.frozen(kw_only=True)
-class Evidence:
-    """What a few small views of a scene show."""
+class Measurements:
+    """Measurements of a few small views of a scene."""
 
     held_out_db: float  # PSNR of views predicted from two neighbours, median
     explained: float  # share of textured pixels whose flow one disparity explains
@@ -51,7 +61,7 @@ class Evidence:
 
     @classmethod
     def median(cls, samples: Sequence[Self], **more: object) -> Self:
-        """What some samples say together."""
+        """The medians of some samples."""
         return cls(
             held_out_db=float(np.median([sample.held_out_db for sample in samples])),
             explained=float(np.median([sample.explained for sample in samples])),
@@ -60,37 +70,36 @@ class Evidence:
 
     @property
     def fine(self) -> bool:
-        """Whether other views need no examination."""
+        """Whether other views need no analysis."""
         return self.held_out_db >= FINE_DB and self.explained >= FINE_SHARE
 
     @property
-    def verdict(self) -> Verdict:
-        """What the pictures are by this evidence."""
+    def classification(self) -> Classification:
+        """What the pictures are by these measurements."""
         poor = self.held_out_db < POOR_DB
         unexplained = self.explained < UNEXPLAINED
         if self.change and not (poor and unexplained):
-            return Verdict(
-                kind="no light field",
-                reason=f"the pictures do not fit together as a light field: {self.change}",
+            return Classification(
+                SceneKind.NOT_A_LIGHT_FIELD,
+                f"the pictures do not fit together as a light field: {self.change}",
             )
         if self.missed_motion is None and (unexplained or (poor and self.explained < EXPLAINED)):
-            return Verdict(
-                kind="no light field",
-                reason="these are different pictures, not one scene from several places",
+            return Classification(
+                SceneKind.NOT_A_LIGHT_FIELD,
+                "these are different pictures, not one scene from several places",
             )
         if self.moved_px < NOTHING_PX and self.held_out_db > POOR_DB:
-            return Verdict(
-                kind="one view",
-                reason="nothing moves between these pictures: one of them is shown",
+            return Classification(
+                SceneKind.ONE_VIEW, "nothing moves between these pictures: one of them is shown"
             )
         if self.missed_motion is not None:
             share = max(map(abs, self.missed_motion))
-            return Verdict(
-                kind="too far apart",
-                reason=f"the views are too far apart ({share:.0%} of the width): no views are"
+            return Classification(
+                SceneKind.TOO_FAR_APART,
+                f"the views are too far apart ({share:.0%} of the width): no views are"
                 " made between them",
             )
-        return Verdict(kind="light field")
+        return Classification(SceneKind.LIGHT_FIELD)
 
 
 def best_method(scores: Mapping[str, float], reach_px: float, has_disparity: bool) -> str:
