@@ -104,7 +104,7 @@ def lines(manifest: Manifest, pack: str = "") -> list[str]:
     certainty = f"{order.by}, sure" if order.sure else order.by
     say("order", f"{turned or 'as in the files'}: {order.reason} ({certainty})")
     if order.undecided:
-        say("undecided", order.undecided)
+        say("undecided", f"{order.undecided}; `lfpipe scene describe` states what is right")
     if manifest.frames > 1:
         say("video", f"{manifest.frames} frames at {manifest.frame_rate_hz:g} Hz")
     about = manifest.disparity

@@ -20,7 +20,7 @@ from lfpipe.plugins import LAYOUTS, Guarded, PluginError, Results, loaded
 from lfpipe.scene.files import PICTURES, VIDEOS, Listing, library_errors, list_scene
 from lfpipe.scene.layouts._candidates import Candidate, ranked
 from lfpipe.scene.layouts._folders import inner_listing, note_of
-from lfpipe.scene.layouts._grid import parse_grid
+from lfpipe.scene.layouts._grid import GRID_REMEDY, parse_grid
 from lfpipe.scene.layouts._tiles import single_picture
 from lfpipe.scene.layouts.plenoptic import is_honeycomb
 from lfpipe.scene.source import Layout, SceneSource
@@ -241,7 +241,7 @@ def _checked(
         if single := [name for name in listing.names if name.lower().endswith(_HOLDS_ALL)]:
             remedy = f"give {listing.folder / single[0]}"
         if listing.pictures():
-            remedy = "name the views view_ROW_COLUMN.png, or give one picture by its own path"
+            remedy = GRID_REMEDY
         raise UserError(
             f"{listing.path}: no layout of a light field was recognised ({some})", remedy
         )

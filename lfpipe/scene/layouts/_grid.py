@@ -23,6 +23,10 @@ from lfpipe.scene.source import GridTransform, SceneSource, ViewIndex
 LOSSY = (".jpg", ".jpeg", ".webp", ".avif", ".gif")
 MIN_VIEW_PX = 12  # side of a view: a smaller one shows nothing
 _SMALL_PX = 96 * 128  # of pictures that the columns of a running number follow from
+GRID_REMEDY = (
+    "state the grid: `lfpipe scene describe FOLDER --grid ROWSxCOLS`; or name the views"
+    " view_ROW_COLUMN.png, or give one picture by its own path"
+)
 
 
 def parse_grid(text: str) -> ViewIndex | None:
@@ -191,9 +195,7 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
             f"{listing.path}: {len(listing.pictures())} pictures whose names do not differ in"
             " numbers"
         )
-        raise UserError(
-            what, "name the views view_ROW_COLUMN.png, or give one picture by its own path"
-        )
+        raise UserError(what, GRID_REMEDY)
     headers, odd = _headers(listing, list(numbered.views.values()))
     if odd:
         numbered = (
