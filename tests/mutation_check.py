@@ -197,10 +197,16 @@ FAULTS = (
         "if not self._render.keep_depth:",
     ),
     Fault(
-        "the neutral position follows slowly",
+        "a new seat is not taken",
         "render/viewer/viewer.py",
-        "NEUTRAL_S = 0.5",
-        "NEUTRAL_S = 5.0",
+        "self._centre_px = solver.centre_px = rest.x_px, rest.y_px",
+        "pass",
+    ),
+    Fault(
+        "the former seat is forgotten",
+        "render/viewer/presence.py",
+        "self._left = Seat(self._last, self._measured, t_ns)",
+        "self._left = None",
     ),
     Fault(
         "a neighbour takes over who is no nearer",

@@ -126,7 +126,7 @@ class SyntheticNetworks:
         seen = []
         for k, person in enumerate(self._script.people):
             eyes = person.eyes_px(ms)
-            eye_distance = float(eyes[0, 0] - eyes[1, 0])
+            eye_distance = math.dist(*eyes.tolist())
             x, y = eyes.mean(axis=0).tolist()
             box = (
                 x - 1.2 * eye_distance,
