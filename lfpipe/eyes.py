@@ -74,6 +74,7 @@ SHOWN = np.dtype(
 
 MIN_EYE_DISTANCE_PX = 0.5  # of a plausible face; a tracked one has at least 4 px
 MAX_EYE_PX = 1e6  # coordinates beyond it are outside every camera's picture
+STALE_NS = 500_000_000  # a record this old comes from a tracker that has died
 MAX_PREDICTION_S = 0.25  # beyond a quarter of a second a straight line says nothing about a head
 
 

@@ -203,6 +203,12 @@ FAULTS = (
         "pass",
     ),
     Fault(
+        "stamps of another clock are used",
+        "capture/camera.py",
+        "MAX_AGE_NS = STALE_NS * 3 // 5",
+        "MAX_AGE_NS = STALE_NS * 4",
+    ),
+    Fault(
         "the former seat is forgotten",
         "render/viewer/presence.py",
         "self._left = Seat(self._last, self._measured, t_ns)",
