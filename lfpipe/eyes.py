@@ -22,7 +22,7 @@ EYES = np.dtype(
         ("height_px", "<i4"),
         ("t_tracked_ns", "<i8"),
         ("face", "<i4"),
-        # counts the tracks of a face: another number means another run of the filter
+        # counts the tracks of a face: another number means another face, or a gap
         ("generation", "<i4"),
         # HEAD_POINTS in the picture: right, down, away from the camera; zeros: not known
         ("head_px", "<f4", (10, 3)),

@@ -209,6 +209,13 @@ FAULTS = (
         "MAX_AGE_NS = STALE_NS * 4",
     ),
     Fault(
+        "a hand is any motion of one eye",
+        "track/eye_tracker.py",
+        "off_px = min(",
+        "off_px = max(",
+        "track/test_eye_tracker.py",
+    ),
+    Fault(
         "the former seat is forgotten",
         "render/viewer/presence.py",
         "self._left = Seat(self._last, self._measured, t_ns)",
