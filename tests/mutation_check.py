@@ -216,6 +216,12 @@ FAULTS = (
         "track/test_eye_tracker.py",
     ),
     Fault(
+        "the gate refuses a head that shakes fast",
+        "track/filters/outliers.py",
+        "limit += USUAL_WEIGHT * self._usual_px",
+        "limit += 0.0",
+    ),
+    Fault(
         "the former seat is forgotten",
         "render/viewer/presence.py",
         "self._left = Seat(self._last, self._measured, t_ns)",

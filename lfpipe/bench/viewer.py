@@ -42,6 +42,7 @@ VIEWPOINTS = (
     Column("error_worst", "worst", "views"),
     Column("step_cols", "largest step, sideways", "views"),
     Column("step_rows", "largest step, up and down", "views"),
+    Column("error_views_0", "error, mean, no delay", "views"),
     Column("step_cols_0", "largest step, sideways, no delay", "views"),
     Column("step_rows_0", "largest step, up and down, no delay", "views"),
     Column("right_s", "until right", "s"),
@@ -172,6 +173,7 @@ def script_viewpoints(script: Script) -> Metrics:
     bare = viewpoints(Setup(track=Track(filter="mean", mean_k=1)), script)
     plain = viewpoints(plain_loop(), script)
     return viewpoints(Setup(), script) | {
+        "error_views_0": now["error_views"],
         "step_cols_0": now["step_cols"],
         "step_rows_0": now["step_rows"],
         "bare_step": bare["step_cols"],

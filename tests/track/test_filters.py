@@ -24,6 +24,7 @@ from lfpipe.track.filters.imm import ImmFilter
 from lfpipe.track.filters.kalman import Covariance
 from lfpipe.track.filters.mean import Mean
 from lfpipe.track.filters.one_euro import OneEuro
+from lfpipe.track.filters.outliers import OutlierGate
 from lfpipe.track.filters.table import make_filter
 
 FRAME_NS = 33_333_333
@@ -273,6 +274,16 @@ def test_one_wrong_landmark_is_not_magnified(rate_hz: int) -> None:
     wrong = sideways(lambda t_s: 30.0 * (t_s == 3))
     off = predicted(make("predictive"), wrong, range(4 * rate_hz), 0.1, rate_hz=rate_hz)
     assert np.abs(off[3 * rate_hz :]).max() < 0.05 * 60
+
+
+def test_a_head_that_is_often_far_from_its_prediction_is_no_outlier() -> None:
+    """As one that shakes fast; 24 px are 0.4 eye distances."""
+    calm, shaken = OutlierGate(), OutlierGate()
+    for _ in range(15):
+        assert not calm.rejects((300.0, 200.0), (299.0, 200.0), 1.0, 60.0, 1 / 30)
+        assert not shaken.rejects((300.0, 200.0), (286.0, 200.0), 14.0, 60.0, 1 / 30)
+    assert calm.rejects((324.0, 200.0), (300.0, 200.0), 24.0, 60.0, 1 / 30)
+    assert not shaken.rejects((324.0, 200.0), (300.0, 200.0), 24.0, 60.0, 1 / 30)
 
 
 def lags_ms(x_px: Callable[[float], float], speed_px_s: float) -> float:

@@ -221,6 +221,8 @@ SCRIPTS = (
     seated("sways at 2 Hz", swayed(path(6.0, SEAT), 25.0, 2.0)),
     seated("steps", path(8.5, SEAT, *_steps(6, 2.0))),
     seated("shakes", swayed(path(5.0, SEAT), 18.0, 3.5, up=0.0)),
+    # as the fastest real head that was measured: 17 eye distances per second
+    seated("shakes fast", swayed(path(5.0, SEAT), 40.0, 4.0, up=0.0)),
     # out of the zone and back, with as long a stay as is no new seat
     seated(
         "leans out",
