@@ -48,8 +48,8 @@ FAULTS = (
     Fault(
         "the reported velocity is doubled",
         "track/filters/imm.py",
-        "np.array(((u, v), (u, v)))",
-        "np.array(((2 * u, 2 * v), (2 * u, 2 * v)))",
+        "u, v = self._growth.limit(velocity, innovation, since_s)",
+        "u, v = (2 * one for one in self._growth.limit(velocity, innovation, since_s))",
     ),
     Fault(
         "ViewSolver exchanges the eyes",
@@ -220,6 +220,12 @@ FAULTS = (
         "track/filters/outliers.py",
         "limit += USUAL_WEIGHT * self._usual_px",
         "limit += 0.0",
+    ),
+    Fault(
+        "rotation goes the other way",
+        "track/filters/half_distance.py",
+        "return -self._rate * y, self._rate * x",
+        "return self._rate * y, -self._rate * x",
     ),
     Fault(
         "the former seat is forgotten",

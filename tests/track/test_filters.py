@@ -20,6 +20,7 @@ from lfpipe.eyes import MAX_EYE_PX, low_pass_gain
 from lfpipe.track import filters
 from lfpipe.track.filters import models, noise
 from lfpipe.track.filters.base import MAX_STEP_NS, MIN_STEP_NS, EyeFilter
+from lfpipe.track.filters.half_distance import HalfDistance
 from lfpipe.track.filters.imm import ImmFilter
 from lfpipe.track.filters.kalman import Covariance
 from lfpipe.track.filters.mean import Mean
@@ -274,6 +275,27 @@ def test_one_wrong_landmark_is_not_magnified(rate_hz: int) -> None:
     wrong = sideways(lambda t_s: 30.0 * (t_s == 3))
     off = predicted(make("predictive"), wrong, range(4 * rate_hz), 0.1, rate_hz=rate_hz)
     assert np.abs(off[3 * rate_hz :]).max() < 0.05 * 60
+
+
+def test_a_head_that_rolls_at_an_even_rate_is_predicted_without_lag() -> None:
+    """By 1 rad/s, 80 ms ahead; a single frame whose one eye is wrong turns nothing."""
+    filter_ = make_filter(Track(), 0.08)
+    half_px = 30.0
+
+    def rolled(angle: float) -> np.ndarray:
+        aside = half_px * np.array((math.cos(angle), math.sin(angle)))
+        return np.array((320.0, 240.0)) + np.stack((aside, -aside))
+
+    for k in range(60):
+        filter_.update(k * FRAME_NS, rolled(k * FRAME_NS / 1e9))
+    seen_ns = 59 * FRAME_NS + 80_000_000
+    off_px = np.abs(filter_.predict(seen_ns) - rolled(seen_ns / 1e9)).max()
+    assert off_px < 0.15 * 0.08 * half_px
+
+    half = HalfDistance((half_px, 0.0))
+    for wrong_px in (0.0, 8.0, 0.0, 0.0):
+        half.update((half_px, wrong_px), 0.01, 1 / 30)
+    assert math.hypot(*half.velocity) < 1.0
 
 
 def test_a_head_that_is_often_far_from_its_prediction_is_no_outlier() -> None:
