@@ -48,6 +48,8 @@ class Camera:
     wrong_stamp_ms: float = 0.0
     """Error of one stamp every 2 s."""
     noise_px: float = NOISE_PX
+    phase: float = 0.0
+    """From a vblank of the screen to the first exposure, as a share of the frame interval."""
 
     def frames(self, seconds: float) -> list["Frame"]:
         """The frames of a time, in the order of their arrival."""
@@ -59,7 +61,7 @@ class Camera:
         for k in range(count):
             jitter_ms, noise_ms = rng.normal(0.0, 1.0, 2) * (self.jitter_ms, self.stamp_noise_ms)
             drop, double = rng.random(2) < (self.dropped, self.doubled)
-            here_ms = max(k * 1e3 / self.rate_hz + jitter_ms, 0.0)
+            here_ms = max((k + self.phase) * 1e3 / self.rate_hz + jitter_ms, 0.0)
             if not double:
                 taken_ms = here_ms
             if k and (drop or k % self.every[k * len(self.every) // count]):
