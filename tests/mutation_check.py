@@ -228,6 +228,12 @@ FAULTS = (
         "return self._rate * y, -self._rate * x",
     ),
     Fault(
+        "the last steps are not fitted",
+        "track/filters/learnt_motion.py",
+        "self._weights = [a + gain * missed",
+        "self._weights = [a + 0 * gain * missed",
+    ),
+    Fault(
         "the former seat is forgotten",
         "render/viewer/presence.py",
         "self._left = Seat(self._last, self._measured, t_ns)",

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from lfpipe.config import FILTER_MODULES, Track
 from lfpipe.eyes import MAX_EYE_PX, low_pass_gain
 from lfpipe.track import filters
-from lfpipe.track.filters import models, noise
+from lfpipe.track.filters import learnt_motion, models, noise
 from lfpipe.track.filters.base import MAX_STEP_NS, MIN_STEP_NS, EyeFilter
 from lfpipe.track.filters.half_distance import HalfDistance
 from lfpipe.track.filters.imm import ImmFilter
@@ -296,6 +296,17 @@ def test_a_head_that_rolls_at_an_even_rate_is_predicted_without_lag() -> None:
     for wrong_px in (0.0, 8.0, 0.0, 0.0):
         half.update((half_px, wrong_px), 0.01, 1 / 30)
     assert math.hypot(*half.velocity) < 1.0
+
+
+@pytest.mark.parametrize(("rate_hz", "most"), [(0.5, 1.02), (3.5, 0.7)], ids=["sways", "shakes"])
+def test_the_last_steps_predict_a_head_that_repeats_itself(
+    rate_hz: float, most: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Error of the delay of 80 ms against that of the models alone."""
+    learnt = missed_px(make_filter(Track(), 0.08), swaying(18, rate_hz), range(300))
+    monkeypatch.setattr(learnt_motion, "PRIOR", 1e30)
+    alone = missed_px(make_filter(Track(), 0.08), swaying(18, rate_hz), range(300))
+    assert learnt < most * alone
 
 
 def test_a_head_that_is_often_far_from_its_prediction_is_no_outlier() -> None:

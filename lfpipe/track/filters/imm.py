@@ -16,6 +16,7 @@ from lfpipe.config import Track
 from lfpipe.track.filters.base import EyeFilter, Points
 from lfpipe.track.filters.growth_limit import GrowthLimit
 from lfpipe.track.filters.half_distance import HalfDistance
+from lfpipe.track.filters.learnt_motion import LearntMotion
 from lfpipe.track.filters.models import Models
 from lfpipe.track.filters.motion_weight import MotionWeight, eye_distance_of
 from lfpipe.track.filters.noise import MeasurementNoise
@@ -43,6 +44,7 @@ class ImmFilter(EyeFilter):
         self._models = Models(midpoint, self._noise.midpoint_variance, eye_distance_px)
         self._motion = MotionWeight(midpoint)
         self._gain = VelocityGain(self._device_latency_s)
+        self._learnt = LearntMotion(self._device_latency_s)
         self._growth = GrowthLimit(FRAME_S + self._device_latency_s)
         self._outliers = OutlierGate()
         self._used_ns = t_ns
@@ -87,6 +89,7 @@ class ImmFilter(EyeFilter):
         u, v = self._growth.limit(velocity, innovation, since_s)
         hx, hy = self._half.half
         hu, hv = self._half.velocity
+        u, v = self._learnt.apply(t_ns, since_s, midpoint, (mx, my), (u, v), eye_distance_px)
         return (
             np.array(((mx + hx, my + hy), (mx - hx, my - hy))),
             np.array(((u + hu, v + hv), (u - hu, v - hv))),
