@@ -22,7 +22,7 @@ EYES = np.dtype(
         ("height_px", "<i4"),
         ("t_tracked_ns", "<i8"),
         ("face", "<i4"),
-        # counts the tracks of a face: another number means another run of the filter
+        # counts the tracks of a face: another number means another face, or a gap
         ("generation", "<i4"),
         # HEAD_POINTS in the picture: right, down, away from the camera; zeros: not known
         ("head_px", "<f4", (10, 3)),
@@ -74,6 +74,7 @@ SHOWN = np.dtype(
 
 MIN_EYE_DISTANCE_PX = 0.5  # of a plausible face; a tracked one has at least 4 px
 MAX_EYE_PX = 1e6  # coordinates beyond it are outside every camera's picture
+STALE_NS = 500_000_000  # a record this old comes from a tracker that has died
 MAX_PREDICTION_S = 0.25  # beyond a quarter of a second a straight line says nothing about a head
 
 

@@ -1,7 +1,7 @@
 """Steps of the view when people come, go and are exchanged: the simulator of `lfpipe bench viewer`
 with real heads and the real networks in place of synthetic faces.
 
-    python -m profiling.eyes_people FACES [--loop-ms 80]
+    python -m profiling.eyes_people FACES [--device-latency-ms 80]
 
 FACES holds imm/*.jpg, eyes_truth.csv, no_face/*.jpg, fgnet/*.avi and videos/*.mp4. Heads cut out of
 portraits take the places of the people of the scripts, over a blurred scene in pictures of 640x480,
@@ -12,6 +12,7 @@ pictures: all, and those within 0.2 s of a face that was lost or found. `lfpipe 
 CSV` does that for recorded eyes.
 """
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -129,12 +130,15 @@ class Cut(NamedTuple):
         return cls(light.astype(np.float32), head.eyes - (cols.min(), rows.min()))
 
     def pasted(
-        self, scene: NDArray[np.float32], x: float, y: float, eye_distance_px: float
+        self, scene: NDArray[np.float32], eyes_px: NDArray[np.float64]
     ) -> NDArray[np.float32]:
-        """The scene with the head at a place."""
-        scale = eye_distance_px / float(np.hypot(*(self.eyes[0] - self.eyes[1])))
-        middle = self.eyes.mean(axis=0)
-        matrix = np.array([[scale, 0, x - scale * middle[0]], [0, scale, y - scale * middle[1]]])
+        """The scene with the head whose eyes are at eyes_px, (2, 2)."""
+        (du, dv), (dx, dy) = self.eyes[0] - self.eyes[1], eyes_px[0] - eyes_px[1]
+        square = du * du + dv * dv
+        cos, sin = (dx * du + dy * dv) / square, (dy * du - dx * dv) / square
+        turn = np.array([[cos, -sin], [sin, cos]])
+        matrix = np.column_stack([turn, eyes_px.mean(axis=0) - turn @ self.eyes.mean(axis=0)])
+        scale = math.hypot(cos, sin)
         soft = cv2.GaussianBlur(self.light, (0, 0), max(0.4 / scale, 0.3))
         drawn = cv2.warpAffine(soft, matrix, (WIDTH, HEIGHT))
         return np.asarray(scene * (1 - drawn[..., 3:]) + drawn[..., :3], np.float32)
@@ -155,9 +159,8 @@ class Portraits(Observer):
         picture = self._scene
         for someone, head in self._people:
             at = min(round(frame.ms), len(someone.path_px) - 1)
-            x, y, eye_distance_px = someone.path_px[at].tolist()
-            if someone.logit[at] > 0 and -200 < x < WIDTH + 200:
-                picture = head.pasted(picture, x, y, eye_distance_px)
+            if someone.logit[at] > 0 and -200 < someone.path_px[at, 0] < WIDTH + 200:
+                picture = head.pasted(picture, someone.eyes_px(at))
         y, x = self._random.integers(0, (HEIGHT, WIDTH)).tolist()
         noisy = picture + self._noise[y : y + HEIGHT, x : x + WIDTH]
         return np.asarray(np.clip(noisy, 0, 255), np.uint8)

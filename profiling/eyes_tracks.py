@@ -7,7 +7,7 @@ in every frame. Each stretch of more than 60 frames with a face runs offline as 
 it: measurements 10 ms old, a refresh every 1/60 s, eyes predicted to its middle; the paper's way,
 the mean of five, changes with the camera's frames instead. Truth is the track smoothed
 without causality: at each frame the parabola through its neighbours, weighted by a Gaussian of 50
-ms. The picture is seen 0, 40 or 80 ms later, and the eyes are predicted to that time. Cameras
+ms. The picture is seen 0, 40, 80 or 120 ms later, and the eyes are predicted to that time. Cameras
 of 60 and 120 Hz measure the truth, with the residuals of the real frames in random order as noise.
 --half takes every second stretch, from the first (even) or second (odd) one on.
 
@@ -44,7 +44,7 @@ AGE_S = 0.010
 SMOOTH_S = 0.05
 FINE_S = 0.002
 MIN_FRAMES = 60
-DEVICE_LATENCIES_S = (0.0, 0.04, 0.08)
+DEVICE_LATENCIES_S = (0.0, 0.04, 0.08, 0.12)
 CAMERAS_HZ = (0, 60, 120)  # 0: as recorded, 25 or 30 Hz
 LAGS = 8
 Q_OVER_R = tuple(float(one) for one in np.geomspace(1e3, 1e6, 7))

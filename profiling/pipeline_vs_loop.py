@@ -6,8 +6,9 @@ start, in alternating runs.
         [--config paper] [--set KEY=VALUE]... [--cpus 0,1]
 
 VIDEO and SCENE: the demo's if not given. Latency is t_composed_ns - t_read_ns, the median of a run.
-CPU is of all processes. Only with --pace max does the loop decode frames as it runs. Prints a row
-per run, and the median of the ratios with their range.
+CPU is of all processes. Only with --pace max does the loop decode frames as it runs. Prints the
+load of the machine, a row per run, and the median of the ratios with their range. The ratios hold
+on an idle machine: other programs delay several processes more than one loop.
 """
 
 import itertools
@@ -31,6 +32,15 @@ from lfpipe.scene.demo import demo_scene
 from lfpipe.scene.open_scene import open_scene
 from lfpipe.supervisor.process_table import SCORER
 from profiling.arguments import existing, parser_of, start
+
+MAX_IDLE_LOAD = 0.5  # of each core
+
+
+def load_text(load: float, cores: int) -> str:
+    """What the load average of a machine with so many cores means for the ratios."""
+    per_core = load / cores
+    idle = "idle" if per_core <= MAX_IDLE_LOAD else "not idle: the ratios do not hold"
+    return f"load {per_core:.2f} per core, {idle}"
 
 
 def metrics(run: SessionRun) -> dict[str, float]:
@@ -57,6 +67,7 @@ def main() -> None:
     parser.add_argument("--set", dest="sets", action="append", default=[])
     parser.add_argument("--cpus", default="0,1")
     args = parser.parse_args()
+    print(load_text(os.getloadavg()[0], os.cpu_count() or 1), flush=True)
     os.sched_setaffinity(0, {int(cpu) for cpu in args.cpus.split(",")})
     settings = load().scene
     cache = cache_dir(settings)

@@ -48,8 +48,8 @@ FAULTS = (
     Fault(
         "the reported velocity is doubled",
         "track/filters/imm.py",
-        "np.array(((u, v), (u, v)))",
-        "np.array(((2 * u, 2 * v), (2 * u, 2 * v)))",
+        "u, v = self._growth.limit(velocity, innovation, since_s)",
+        "u, v = (2 * one for one in self._growth.limit(velocity, innovation, since_s))",
     ),
     Fault(
         "ViewSolver exchanges the eyes",
@@ -197,10 +197,47 @@ FAULTS = (
         "if not self._render.keep_depth:",
     ),
     Fault(
-        "the neutral position follows slowly",
+        "a new seat is not taken",
         "render/viewer/viewer.py",
-        "NEUTRAL_S = 0.5",
-        "NEUTRAL_S = 5.0",
+        "self._centre_px = solver.centre_px = rest.x_px, rest.y_px",
+        "pass",
+    ),
+    Fault(
+        "stamps of another clock are used",
+        "capture/camera.py",
+        "MAX_AGE_NS = STALE_NS * 3 // 5",
+        "MAX_AGE_NS = STALE_NS * 4",
+    ),
+    Fault(
+        "a hand is any motion of one eye",
+        "track/eye_tracker.py",
+        "off_px = min(",
+        "off_px = max(",
+        "track/test_eye_tracker.py",
+    ),
+    Fault(
+        "the gate refuses a head that shakes fast",
+        "track/filters/outliers.py",
+        "limit += USUAL_WEIGHT * self._usual_px",
+        "limit += 0.0",
+    ),
+    Fault(
+        "rotation goes the other way",
+        "track/filters/half_distance.py",
+        "return -self._rate * y, self._rate * x",
+        "return self._rate * y, -self._rate * x",
+    ),
+    Fault(
+        "the last steps are not fitted",
+        "track/filters/learnt_motion.py",
+        "self._weights = [a + gain * missed",
+        "self._weights = [a + 0 * gain * missed",
+    ),
+    Fault(
+        "the former seat is forgotten",
+        "render/viewer/presence.py",
+        "self._left = Seat(self._last, self._measured, t_ns)",
+        "self._left = None",
     ),
     Fault(
         "a neighbour takes over who is no nearer",

@@ -16,7 +16,8 @@ from lfpipe.bench.style import document, html_table
 from lfpipe.files.output import write_output
 from lfpipe.host.machine import install_command
 
-# errors that differ by less than this share are equal for a verdict: the noise of short sequences
+# Errors that differ by less than this share, or by less than a benchmark's `Choice.difference`, are
+# equal for a verdict: the noise of short sequences, and what nobody sees.
 TIE = 0.05
 MARKERS = "osD^vPX<>h"
 # distinct with a colour vision deficiency
@@ -25,8 +26,11 @@ HOW = (
     "<h2>How it was measured</h2><p class=soft>Times are CPU times of the thread, which other"
     " programs hardly change. Each is the median of repetitions, interleaved in random order, with"
     " its 95 % interval, or with the range of fewer than five; of many repetitions, the first"
-    " does not count. Errors have 95 % intervals by resampling. Axes are logarithmic; an exact 0 is"
-    " drawn at the edge. Lower left is better. Square, bold: in use by default. Star, red: the"
+    " does not count. Errors of sequences have 95 % intervals by resampling; ratios over scripts,"
+    " by resampling of the pairs. Figures of cameras and screens have their range over the phases"
+    " of the camera against the screen. results.json has every repetition. Axes are logarithmic;"
+    " an exact 0 is drawn at the edge. Lower left is better. Square, bold: in use by default. Star,"
+    " red: the"
     " paper.</p>"
 )
 CITE = (
@@ -66,7 +70,8 @@ def verdict(benchmark: Benchmark, results: Results) -> Verdict | None:
         row for row in known if row.values[cost.key].low <= choice.limit and row not in fitting
     ]
     least = min((row.value(error.key) for row in fitting), default=math.inf)
-    better = [row for row in unsure if row.value(error.key) < least * (1 - TIE)]
+    tie = max(TIE * least, choice.difference) if fitting else 0.0
+    better = [row for row in unsure if row.value(error.key) < least - tie]
     limit = f"{short(choice.limit)} {cost.unit} ({choice.reason})"
     if better:
         best = min(better, key=lambda row: row.value(error.key))
@@ -76,9 +81,11 @@ def verdict(benchmark: Benchmark, results: Results) -> Verdict | None:
         best = min(known, key=lambda row: row.value(cost.key))
         why = f"the cheapest: none takes at most {limit}"
     else:
-        ties = [row for row in fitting if row.value(error.key) <= least * (1 + TIE)]
+        ties = [row for row in fitting if row.value(error.key) <= least + tie]
         best = used if used in ties and used else min(ties, key=lambda row: row.value(cost.key))
-        rank = "the least" if best.value(error.key) <= least else f"within {TIE:.0%} of the least"
+        rank = (
+            "the least" if best.value(error.key) <= least else f"within {short(tie)} of the least"
+        )
         at = f" at {best.parameter}" if best.parameter else ""
         why = f"{error.label} {best.values[error.key].text} {error.unit}".rstrip()
         why += f", {rank} of the {len(fitting)} methods{at} that take at most {limit}"

@@ -18,7 +18,7 @@ from lfpipe.files.output import write_output
 from lfpipe.files.safe_files import read_bytes
 from lfpipe.files.untrusted import json_fields
 
-FORMAT = "lfpipe-bench-7"
+FORMAT = "lfpipe-bench-8"
 MAX_BYTES = 16 << 20  # of results.json; a full run of all benchmarks writes 0.2 MB
 Metrics = dict[str, float]  # by the key of a column
 RESAMPLED = 2000  # times, for the interval of an error
@@ -77,6 +77,8 @@ class Row:
     """Whether the paper does it so."""
     used: bool = False
     """Whether lfpipe does it so by default."""
+    samples: tuple[Metrics, ...] = ()
+    """Of every repetition, in the order in which they ran."""
 
     def value(self, key: str) -> float:
         """A figure as one number; NaN if it was not measured."""
@@ -218,6 +220,19 @@ def mean_of(samples: Sequence[float], power: int = 1) -> Value:
     means = drawn.mean(axis=-1) ** (1 / power)
     low, high = np.percentile(means, (2.5, 97.5)).tolist()
     return Value(float(values.mean() ** (1 / power)), low, high)
+
+
+def ratio_of(samples: Sequence[float], base: Sequence[float]) -> Value:
+    """The geometric mean of samples / base with its 95 % interval, by resampling of the pairs. All
+    are > 0.
+    """
+    value = mean_of(np.log(np.divide(samples, base)).tolist())
+    return Value(math.exp(value.value), math.exp(value.low), math.exp(value.high))
+
+
+def range_of(samples: Sequence[float]) -> Value:
+    """The mean, and the range."""
+    return Value(float(np.mean(samples)), min(samples), max(samples))
 
 
 def short(value: float) -> str:

@@ -144,7 +144,17 @@ def run(benchmark: Benchmark, offers: Iterable[Offer], quick: bool, progress: Pr
                 else {}
             )
             values = errors[one.name] | times
-            rows.append(Row(one.name, values, one.curve, one.parameter, one.paper, one.used))
+            rows.append(
+                Row(
+                    one.name,
+                    values,
+                    one.curve,
+                    one.parameter,
+                    one.paper,
+                    one.used,
+                    tuple(samples[one.name]),
+                )
+            )
     if variants:
         results.tables.insert(0, Table("method", benchmark.columns, tuple(rows)))
     results.wall_s = round(time.monotonic() - started_s, 1)

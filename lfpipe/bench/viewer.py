@@ -6,14 +6,16 @@ import itertools
 from collections.abc import Iterable, Iterator
 from functools import cache, partial
 
+import attrs
 import numpy as np
 
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.results import Column, Metrics, Row, Table, Value, mean_of
+from lfpipe.bench.results import Column, Metrics, Row, Table, Value, range_of, ratio_of
 from lfpipe.bench.runner import Offer, Prepared, Variant, cpu_ms
 from lfpipe.bench.simulator.bounds import judged
 from lfpipe.bench.simulator.camera import NOISE_PX, Camera
 from lfpipe.bench.simulator.metrics import (
+    Errors,
     Pictures,
     evenness,
     picture_metrics,
@@ -26,9 +28,9 @@ from lfpipe.bench.simulator.screen import Screen
 from lfpipe.bench.simulator.scripts import MOVES_ABOUT, SCRIPTS, Script, recorded
 from lfpipe.config import FILTER_MODULES, Track
 from lfpipe.config.quality import METHODS
-from lfpipe.render.synthesis.compositor import Key
 
-PICTURES = (2, 24)  # compared of each script, quick and full
+PICTURES = (8, 24)  # compared of each script, quick and full
+PHASES = (4, 12)  # of the camera against the screen, quick and full
 REPETITION_PICTURES = 8
 VIEWPOINTS_PER_SCENE = 8
 EYE_DISTANCE_VIEWS = 1.5  # between the eyes, at most, of the viewpoints of scenes
@@ -42,6 +44,7 @@ VIEWPOINTS = (
     Column("error_worst", "worst", "views"),
     Column("step_cols", "largest step, sideways", "views"),
     Column("step_rows", "largest step, up and down", "views"),
+    Column("error_views_0", "error, mean, no delay", "views"),
     Column("step_cols_0", "largest step, sideways, no delay", "views"),
     Column("step_rows_0", "largest step, up and down, no delay", "views"),
     Column("right_s", "until right", "s"),
@@ -86,6 +89,8 @@ CAMERAS = {
     "30 % dropped": Camera(dropped=0.3),
     "10 % doubled": Camera(doubled=0.1),
     "stamps of 5 ms noise": Camera(stamp_noise_ms=5.0),
+    "30, 15, 7.5 and 30 Hz": Camera(every=(1, 2, 4, 1)),
+    "stamps 1 s early": Camera(stamp_late_ms=-1000.0),
     "stamps 50 ms early": Camera(stamp_late_ms=-50.0),
     "stamps 50 ms late": Camera(stamp_late_ms=50.0),
     "one stamp in 2 s 200 ms late": Camera(wrong_stamp_ms=200.0),
@@ -104,19 +109,17 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
     """Scripts, scenes, cameras and screens; and error against run time."""
     count = PICTURES[not inputs.quick]
     yield from script_tables([*SCRIPTS, *recorded(inputs.tracks)], count)
-    yield from other_tables()
+    yield from other_tables(PHASES[not inputs.quick])
     yield from variants(count)
 
 
-def other_tables() -> Iterator[Table]:
+def other_tables(phases: int) -> Iterator[Table]:
     """What scenes, cameras and screens do."""
     yield scene_table()
-    yield condition_table(
-        "Cameras", "camera", {name: Setup(camera=camera) for name, camera in CAMERAS.items()}
-    )
-    yield condition_table(
-        "Screens", "screen", {name: Setup(screen=screen) for name, screen in SCREENS.items()}
-    )
+    cameras = {name: Setup(camera=camera) for name, camera in CAMERAS.items()}
+    screens = {name: Setup(screen=screen) for name, screen in SCREENS.items()}
+    yield condition_table("Cameras", "camera", cameras, phases)
+    yield condition_table("Screens", "screen", screens, phases)
 
 
 def plain_loop(screen: Screen | None = None) -> Setup:
@@ -170,6 +173,7 @@ def script_viewpoints(script: Script) -> Metrics:
     bare = viewpoints(Setup(track=Track(filter="mean", mean_k=1)), script)
     plain = viewpoints(plain_loop(), script)
     return viewpoints(Setup(), script) | {
+        "error_views_0": now["error_views"],
         "step_cols_0": now["step_cols"],
         "step_rows_0": now["step_rows"],
         "bare_step": bare["step_cols"],
@@ -215,20 +219,40 @@ def scene_table() -> Table:
     return Table("scene, method", PICTURE_COLUMNS, tuple(rows), "Pictures by scene", note)
 
 
-def condition_table(title: str, of: str, setups: dict[str, Setup]) -> Table:
-    """What cameras, or screens, do to a moving viewer's viewpoints."""
+def condition_table(title: str, of: str, setups: dict[str, Setup], phases: int) -> Table:
+    """What cameras, or screens, do to a moving viewer's viewpoints: the mean over phases of the
+    camera against the screen, and their range.
+    """
     rows = []
     for name, setup in setups.items():
-        run = watched(setup, MOVES_ABOUT)
-        metrics = viewpoints(setup, MOVES_ABOUT) | {"late": 100 * run.late}
-        if of == "screen":
-            for hz in VIDEOS_HZ:
-                metrics[f"video_{hz:g}hz"] = 100 * evenness(run, setup.screen, hz)
-            loop = viewpoints(plain_loop(setup.screen), MOVES_ABOUT)
-            metrics |= {"plain_error": loop["error_views"], "plain_lag_ms": loop["lag_ms"]}
-        rows.append(_row(name, metrics, of))
-    note = "A viewer who sways at 0.7 Hz and takes steps of 200 px/s."
+        found = [
+            condition(
+                attrs.evolve(setup, camera=attrs.evolve(setup.camera, phase=k / phases)),
+                of == "screen",
+            )
+            for k in range(phases)
+        ]
+        values = {key: range_of([one[key] for one in found]) for key in found[0]}
+        rows.append(judged(Row(name, values), of))
+    note = (
+        "A viewer who sways at 0.7 Hz and takes steps of 200 px/s: the mean and the range over"
+        f" {phases} phases of the camera against the screen."
+    )
     return Table(of, CONDITION_COLUMNS, tuple(rows), title, note)
+
+
+def condition(setup: Setup, video: bool) -> Metrics:
+    """The values of the columns CONDITION_COLUMNS. video: those of videos and the plain loop,
+    too.
+    """
+    run = watched(setup, MOVES_ABOUT)
+    metrics = viewpoints(setup, MOVES_ABOUT) | {"late": 100 * run.late}
+    if video:
+        for hz in VIDEOS_HZ:
+            metrics[f"video_{hz:g}hz"] = 100 * evenness(run, setup.screen, hz)
+        loop = viewpoints(attrs.evolve(setup, track=None, method="nearest"), MOVES_ABOUT)
+        metrics |= {"plain_error": loop["error_views"], "plain_lag_ms": loop["lag_ms"]}
+    return metrics
 
 
 def variants(count: int) -> Iterator[Variant]:
@@ -259,36 +283,51 @@ def variants(count: int) -> Iterator[Variant]:
         )
 
 
-def _prepare(setup: Setup, count: int, ideal: bool) -> Prepared:
-    """ideal: pictures for the right viewpoints, which nothing has to choose."""
+@cache
+def script_errors(setup: Setup, script: Script, count: int, ideal: bool) -> tuple[Errors, float]:
+    """Errors of `count` pictures of a script, and of its viewpoints. ideal: pictures for the right
+    viewpoints, which nothing has to choose.
+    """
+    run = watched(setup, script)
+    at = samples(run, script, count)
+    right = Truth(setup, script).at(run.ms[at])
     pictures = pictures_of(setup)
-    keys: list[Key] = []
-    levels = []
-    seen = []
-    off = []
-    choosing_ms: list[float] = []
-    for script in (script for script in SCRIPTS if script.name in MOVING):
-        run = watched(setup, script)
-        at = samples(run, script, count)
-        right = Truth(setup, script).at(run.ms[at])
-        chosen = [pictures.key(views) for views in right] if ideal else [run.keys[k] for k in at]
-        keys += chosen
-        errors = pictures.errors(chosen, right)
-        levels.append(float(errors.levels.mean()))
-        seen.append(float(errors.seen.mean()))
-        off.append(0.0 if ideal else viewpoints(setup, script)["error_views"])
-        choosing_ms += [0.0] if ideal else run.cpu_ms.tolist()
+    keys = [pictures.key(views) for views in right] if ideal else [run.keys[k] for k in at]
+    off = 0.0 if ideal else viewpoints(setup, script)["error_views"]
+    return pictures.errors(keys, right), off
+
+
+def _prepare(setup: Setup, count: int, ideal: bool) -> Prepared:
+    """ideal: see `script_errors`."""
+    scripts = [script for script in SCRIPTS if script.name in MOVING]
+    found = [script_errors(setup, script, count, ideal) for script in scripts]
+    usual = [script_errors(Setup(), script, count, False) for script in scripts]
+    levels, usual_levels = (
+        [float(errors.levels.mean()) for errors, _ in each] for each in (found, usual)
+    )
+    off = [views for _, views in found]
     metrics = {
-        "error_levels": mean_of(levels),
-        "error_seen": mean_of(seen),
-        "error_views": mean_of(off),
+        "error_levels": Value(float(np.mean(levels))),
+        "error_seen": Value(float(np.mean([errors.seen.mean() for errors, _ in found]))),
+        "error_views": Value(float(np.mean(off))),
+        "ratio_levels": ratio_of(levels, usual_levels),
     }
-    choice_ms = float(np.median(choosing_ms))
-    upcoming = itertools.cycle(keys)
+    if not ideal:
+        metrics["ratio_views"] = ratio_of(off, [views for _, views in usual])
+    runs = [watched(setup, script) for script in scripts]
+    choice_ms = 0.0 if ideal else float(np.median(np.concatenate([run.cpu_ms for run in runs])))
+    pictures = pictures_of(setup)
+    upcoming = itertools.cycle(
+        [
+            run.keys[k]
+            for run, script in zip(runs, scripts, strict=True)
+            for k in samples(run, script, count)
+        ]
+    )
     drawing_ms = partial(cpu_ms, lambda: pictures.draw(next(upcoming)), REPETITION_PICTURES)
     return metrics, lambda: {"picture_ms": choice_ms + drawing_ms()}
 
 
-def _row(name: str, metrics: Metrics, of: str = "") -> Row:
-    """A row with its values compared with their bounds. of: what it is, if no script."""
-    return judged(Row(name, {key: Value(value) for key, value in metrics.items()}), of)
+def _row(name: str, metrics: Metrics) -> Row:
+    """A row with its values compared with their bounds."""
+    return judged(Row(name, {key: Value(value) for key, value in metrics.items()}))

@@ -15,15 +15,14 @@ from typing import NamedTuple
 
 import attrs
 
-from lfpipe.eyes import EyesRecord
+from lfpipe.eyes import STALE_NS, EyesRecord
 from lfpipe.render.synthesis.compositor import Key
 from lfpipe.render.viewer.mouse_look import MouseLook
 from lfpipe.render.viewer.viewer import VIDEO_LEAD, Viewer, Viewpoints
-from lfpipe.transport.clock import MS_NS
 from lfpipe.transport.ring import Stamp
 
-STALE_NS = 500 * MS_NS  # a record so old comes from a tracker that has died, unless
-STALE_FRAMES = 3  # frames come so slowly that it is younger than this many of their intervals
+# A record older than STALE_NS is not stale if it is younger than this many intervals of frames.
+STALE_FRAMES = 3
 
 
 @attrs.frozen(kw_only=True)

@@ -15,17 +15,17 @@ from lfpipe.track.filters.table import make_filter
 from lfpipe.track.make_engine import make_engine
 
 log = logging.getLogger(__name__)
+NOWHERE: Eyes = (0.0, 0.0, 0.0, 0.0)
 
 # Logits of the confidence: 20 for a face that nothing hides, 13 to 20 for turned heads, 1 to 10
 # behind a hand. Drops are from the face's usual confidence.
 HIDE_DROP, RELEASE_DROP = 10.0, 4.0  # a face is held below the first, released above the second
 TRUST_DROP = 2.0  # above it, a frame's position is one to hold later
 USUAL_S = 1.0  # time constant of the usual confidence: nothing is held for much longer
-MAX_PULL = 0.7  # eye distances: the most that a hand pulls the landmarks
+MAX_PULL = 0.4  # eye distances: the most that a hand pulls both eyes
 # Eye distances per second: a face that moved faster when it was seen clearly is not held. It leaves
 # the picture or turns away; a hand comes before faces that rest.
 MAX_HELD_SPEED = 1.0
-NOWHERE: Eyes = (0.0, 0.0, 0.0, 0.0)
 
 
 class OcclusionHold:
@@ -36,15 +36,15 @@ class OcclusionHold:
     """
 
     def __init__(self) -> None:
-        self.reset(0.0, (0.0, 0.0))
+        self.reset(0.0, NOWHERE)
 
-    def reset(self, logit: float, middle_px: tuple[float, float]) -> None:
+    def reset(self, logit: float, eyes_px: Eyes) -> None:
         """Begins with the first frame of a track.
 
-        logit: of its confidence. middle_px: between the eyes.
+        logit: of its confidence.
         """
         self._usual = logit
-        self._trusted_px = middle_px
+        self._trusted_px = eyes_px
         self._moved = False  # when it was seen clearly
         self.held = False
         """Whether to hold the eyes."""
@@ -54,7 +54,7 @@ class OcclusionHold:
     def update(
         self,
         logit: float,
-        middle_px: tuple[float, float],
+        eyes_px: Eyes,
         eye_distance_px: float,
         dt_s: float,
         speed_px_s: float,
@@ -64,14 +64,18 @@ class OcclusionHold:
         dt_s, speed_px_s: since and at the last frame.
         """
         self._usual = max(logit, self._usual + min(dt_s / USUAL_S, 1.0) * (logit - self._usual))
-        off = math.dist(middle_px, self._trusted_px) / max(eye_distance_px, 1.0)
+        lx, ly, rx, ry = self._trusted_px
+        off_px = min(
+            math.hypot(eyes_px[0] - lx, eyes_px[1] - ly),
+            math.hypot(eyes_px[2] - rx, eyes_px[3] - ry),
+        )
         was_held = self.held
         hidden = logit < self._usual - (RELEASE_DROP if was_held else HIDE_DROP)
-        self.held = hidden and not self._moved and off < MAX_PULL
+        self.held = hidden and not self._moved and off_px < MAX_PULL * max(eye_distance_px, 1.0)
         released = was_held and not self.held
         self.trusted = logit > self._usual - TRUST_DROP or released
         if self.trusted:
-            self._trusted_px = middle_px
+            self._trusted_px = eyes_px
             self._moved = speed_px_s > MAX_HELD_SPEED * eye_distance_px
         return released
 
@@ -145,7 +149,7 @@ class EyeTracker:
 
     def _follow(self, face: Face, t_sensor_ns: int, epoch: int) -> None:
         (lx, ly), (rx, ry) = face.eyes_px.tolist()
-        middle_px = ((lx + rx) / 2, (ly + ry) / 2)
+        self._raw_px = eyes_px = lx, ly, rx, ry
         confidence = min(max(face.confidence, 1e-9), 1 - 2e-9)  # logits of -20 to 20
         logit = math.log(confidence / (1 - confidence))
         away_ns = t_sensor_ns - self._seen_ns
@@ -154,24 +158,22 @@ class EyeTracker:
         if epoch != self._epoch or away_ns >= MAX_STEP_NS or not same:
             # earlier runs say nothing about this one
             self._epoch = epoch
-            anew = True
-            self._occlusion.reset(logit, middle_px)
+            self._generation += 1
+            self._filter.reset()
+            self._occlusion.reset(logit, eyes_px)
         else:
             eye_distance_px = face.eye_distance_px or math.dist((lx, ly), (rx, ry))
             speed_px_s = math.hypot(*self._velocity_px_s[:2])
-            anew = self._occlusion.update(
-                logit, middle_px, eye_distance_px, max(away_ns, 0) / 1e9, speed_px_s
-            )
-        self._raw_px = (lx, ly, rx, ry)
+            if self._occlusion.update(
+                logit, eyes_px, eye_distance_px, max(away_ns, 0) / 1e9, speed_px_s
+            ):
+                self._filter.reset()  # of the same face: its generation stays
         self._box_px = face.box_px
         self._seen_ns = t_sensor_ns
         if self._occlusion.held and self._filter.holds_when_hidden:
             self._position_px = self._trusted_position_px
             self._velocity_px_s = NOWHERE
             return
-        if anew:
-            self._generation += 1
-            self._filter.reset()
         position, velocity = self._filter.update(t_sensor_ns, face.eyes_px)
         ((a, b), (c, d)), ((u, v), (p, q)) = position.tolist(), velocity.tolist()
         self._position_px, self._velocity_px_s = (a, b, c, d), (u, v, p, q)

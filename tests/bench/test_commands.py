@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from profiling.pipeline_vs_loop import load_text
 from tests.support.extras import PRESENT
 from tests.support.world import World
 
@@ -40,6 +41,11 @@ def test_benchmarks_from_the_command_line_share_a_folder(
         "synthesis",
         "stability",
     ]
+
+
+@pytest.mark.parametrize(("load", "idle"), [(0.3, True), (1.0, True), (1.1, False), (9.0, False)])
+def test_pipeline_vs_loop_says_whether_the_machine_is_idle(load: float, idle: bool) -> None:
+    assert ("not idle" not in load_text(load, 2)) == idle
 
 
 def test_mistakes_are_named(world: World, clip: Path) -> None:

@@ -20,6 +20,7 @@ from lfpipe.bench.results import (
     Table,
     Value,
     judged_table,
+    ratio_of,
     read,
     timing,
     write,
@@ -29,7 +30,7 @@ from lfpipe.errors import UserError
 from tests.bench.inputs import inputs, wall
 
 COLUMNS = (Column("error_px", "error", "px"), Column("time_ms", "time", "ms"))
-CHOICE = Choice("track.fake", 11.0, "a third of a frame")
+CHOICE = Choice("track.fake", 11.0, "a third of a frame", 0.5)
 FAKE = Benchmark(
     name="fake",
     title="Fake benchmark",
@@ -103,6 +104,7 @@ def test_the_first_repetition_does_not_count() -> None:
     )
     (taken,) = run(FAKE, [one], True, quiet).rows
     assert taken.values["time_ms"] == Value(2.0, 2.0, 2.0)
+    assert [sample["time_ms"] for sample in taken.samples] == [50.0, *[2.0] * 6]
 
 
 def test_interval_of_the_median_holds_it_as_often_as_it_says() -> None:
@@ -123,6 +125,15 @@ def test_interval_of_the_median_holds_it_as_often_as_it_says() -> None:
         one = timing([float(k) for k in range(count, 0, -1)])
         assert (one.low, one.high) == (low, high), "ranks of the sign test; the range of too few"
     assert timing([5.0, 3.0]).text == "4 (3 to 5, range of 2)" and Value(2.0).text == "2"
+
+
+def test_ratios_over_scripts_are_paired() -> None:
+    """Scripts differ by more than what is compared, and the ratio is the same on each."""
+    base = [0.1, 1.0, 10.0]
+    ratio = ratio_of([1.8 * one for one in base], base)
+    assert (ratio.value, ratio.low, ratio.high) == pytest.approx((1.8, 1.8, 1.8))
+    spread = ratio_of([0.1, 2.0, 20.0], base)
+    assert spread.value == pytest.approx(4 ** (1 / 3)) and spread.low < spread.value < spread.high
 
 
 def row(name: str, time_ms: float, error_px: float, paper: bool = False, used: bool = False) -> Row:
@@ -153,6 +164,11 @@ VERDICTS: dict[str, tuple[tuple[Row, ...], str, list[str]]] = {
         (OURS, row("near", 11.0, 3.0), row("slow", 50.0, 1.0)),
         "undecided: near",
         ["9.9 to 12.1", "11 ms"],
+    ),
+    "a difference that nobody sees": (
+        (row("old", 2.0, 9.0, paper=True), row("ours", 4.0, 0.9, used=True), row("best", 5.0, 0.5)),
+        "ours (in use)",
+        ["within 0.5 of the least"],
     ),
     "undecided, but no better": (
         (OURS, row("near", 11.0, 5.9), row("slow", 50.0, 1.0)),

@@ -7,7 +7,7 @@ import pytest
 from lfpipe.bench.results import Results, Table
 from lfpipe.bench.simulator.bounds import BOUNDS, beyond
 from lfpipe.bench.simulator.scripts import SCRIPTS, Script
-from lfpipe.bench.viewer import other_tables, script_tables
+from lfpipe.bench.viewer import PHASES, PICTURES, other_tables, script_tables
 
 
 def check(tables: Iterator[Table]) -> None:
@@ -18,10 +18,9 @@ def check(tables: Iterator[Table]) -> None:
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.name)
 def test_no_figure_of_a_script_is_beyond_its_bound(script: Script) -> None:
-    """Two of its pictures are compared."""
     assert script.name in BOUNDS
-    check(script_tables([script], 2))
+    check(script_tables([script], PICTURES[0]))
 
 
 def test_no_figure_of_a_scene_a_camera_or_a_screen_is_beyond_its_bound() -> None:
-    check(other_tables())
+    check(other_tables(PHASES[0]))

@@ -20,8 +20,10 @@ from lfpipe.capture.camera_list import CameraDevice, NoCamera, cameras
 from lfpipe.capture.open_source import check_source, resolve
 from lfpipe.capture.v4l2_device import FrameSizes, Mode, V4L2Device
 from lfpipe.errors import UserError
-from lfpipe.transport.ring import StampKind
+from lfpipe.render.choice import EyesSource
+from lfpipe.transport.ring import Stamp, StampKind
 from tests.capture.fake_camera import PATH, FakeCamera, source
+from tests.render.rendered import record
 
 PERIOD_NS = 100_000_000
 OUT = np.zeros((480, 640, 3), np.uint8)
@@ -143,6 +145,22 @@ def test_stamps_move_to_the_middle_of_the_exposure(
     half_ns = PERIOD_NS // 4 if exposure_ns is None else exposure_ns // 2
     middle_ns = min(stamp_ns + (half_ns if start else -half_ns), now_ns)
     assert SensorClock(10.0).middle_ns(stamp_ns, kind, now_ns, exposure_ns) == (middle_ns, kind)
+
+
+@pytest.mark.parametrize("rate_hz", [3.0, 6.0, 7.5, 30.0])
+def test_eyes_of_a_frame_with_the_oldest_usable_stamp_are_not_stale(rate_hz: float) -> None:
+    """Else a camera whose stamps are of another clock would have frames and no viewer."""
+    clock = SensorClock(rate_hz)
+    source = EyesSource()
+    for k in range(3):
+        read_ns = 10**12 + round(k * 1e9 / rate_hz)
+        sensor_ns, kind = clock.middle_ns(
+            read_ns - MAX_AGE_NS, StampKind.START_OF_EXPOSURE, read_ns, 0
+        )
+        assert kind == StampKind.START_OF_EXPOSURE
+        source.update(record(), Stamp(k, k, 0, sensor_ns, read_ns, read_ns, 0))
+    eyes = source.at(read_ns + round(1e9 / rate_hz) + 30_000_000)
+    assert eyes is not None and eyes.record.face
 
 
 @given(st.lists(st.integers(0, PERIOD_NS - 1), min_size=2, max_size=20))

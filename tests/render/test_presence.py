@@ -17,6 +17,7 @@ from lfpipe.render.viewer.presence import (
     HOLD_S,
     REST_S,
     REST_SPAN,
+    RETURN_SPAN,
     Presence,
     Rest,
     ViewEasing,
@@ -54,9 +55,8 @@ class Watched(RuleBasedStateMachine):
             assert before in (A, E, L) or beyond or self.exchanged, (
                 "a seated viewer is measured anew beyond the grid alone"
             )
-            assert (
-                self.exchanged or abs(rest.x_px - here.x_px) <= 2 * REST_SPAN * here.eye_distance_px
-            )
+            span = RETURN_SPAN if self.subject.returned else 2 * REST_SPAN
+            assert self.exchanged or abs(rest.x_px - here.x_px) <= span * here.eye_distance_px
         if here is None:
             assert after in (N, L)
         return rest
@@ -169,6 +169,27 @@ def test_presence_follows_a_rest_beyond_the_grid_and_back() -> None:
     assert subject.state is E
     rest = subject.update(t_ns + 20 * FRAME_NS, Rest(305.0, 200.0, 60.0), 1)
     assert subject.state is SE and rest is not None and rest.x_px == HOME.x_px
+
+
+@pytest.mark.parametrize(
+    ("x", "away_s", "known"),
+    [(320.0, 2.0, True), (320.0, 28.0, True), (380.0, 2.0, False), (320.0, 32.0, False)],
+    ids=["soon", "in half a minute", "elsewhere", "later"],
+)
+def test_presence_keeps_the_former_seat_of_a_viewer_who_rests_elsewhere(
+    x: float, away_s: float, known: bool
+) -> None:
+    """A lean beyond the grid becomes the seat after a second; back in the former one, it counts
+    again within a quarter of a second.
+    """
+    subject, _ = watched((HOME, 3.0, 0))
+    measured: list[float] = []
+    for k in range(round((away_s + 0.3) * 30)):
+        back = k >= away_s * 30
+        here = Rest(x if back else 480.0, 200.0, 60.0)
+        rest = subject.update(round(4e9) + k * FRAME_NS, here, beyond=back or not measured)
+        measured += [rest.x_px] if rest is not None else []
+    assert measured == pytest.approx([480.0, HOME.x_px] if known else [480.0])
 
 
 STEP_NS = 16_666_667

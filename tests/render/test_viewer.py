@@ -131,7 +131,7 @@ def distance_share(start: float, eye_distance: float, seconds: float) -> float:
 
 @pytest.mark.parametrize(
     ("eye_distance", "seconds", "share"),
-    [(61.0, 1.0, 1 - 1 / math.e), (30.0, 0.25, 1 - 1 / math.e), (30.0, 5.0, 1.0)],
+    [(61.0, 1.0, 1 - 1 / math.e), (30.0, 0.1, 1 - 1 / math.e), (30.0, 5.0, 1.0)],
     ids=["noise: 2 % or less", "beyond it", "at last"],
 )
 def test_viewer_follows_a_distance_fast_and_its_noise_slowly(

@@ -72,11 +72,47 @@ def test_a_face_that_moves_is_not_held_when_its_confidence_falls(
 ) -> None:
     """It leaves the picture; a hand comes before a face that rests. Eyes 60 px apart."""
     hidden = OcclusionHold()
-    hidden.reset(20.0, (300.0, 200.0))
+    hidden.reset(20.0, eyes_at(300.0))
     for k in range(1, 20):
-        hidden.update(20.0, (300.0 + speed_px_s * k / 30, 200.0), 60.0, 1 / 30, speed_px_s)
-    hidden.update(7.0, (300.0 + speed_px_s * 20 / 30, 200.0), 60.0, 1 / 30, speed_px_s)
+        hidden.update(20.0, eyes_at(300.0 + speed_px_s * k / 30), 60.0, 1 / 30, speed_px_s)
+    hidden.update(7.0, eyes_at(300.0 + speed_px_s * 20 / 30), 60.0, 1 / 30, speed_px_s)
     assert hidden.held == held
+
+
+def eyes_at(x: float, left_px: float = 0.0) -> tuple[float, float, float, float]:
+    """Eyes 60 px apart. left_px: what a hand adds to the left one."""
+    return x + 30.0 + left_px, 200.0, x - 30.0, 200.0
+
+
+@pytest.mark.parametrize(
+    ("x", "left_px", "held"),
+    [(300.0, 40.0, True), (318.0, 22.0, True), (326.0, 0.0, False), (326.0, 15.0, False)],
+    ids=["one eye", "both, one more", "the head", "the head, and one eye more"],
+)
+def test_a_hold_ends_where_both_eyes_move_by_more_than_a_hand_pulls_them(
+    x: float, left_px: float, held: bool
+) -> None:
+    """Hands pull both eyes of real faces by a third of their distance at most, one by two."""
+    hidden = OcclusionHold()
+    hidden.reset(20.0, eyes_at(300.0))
+    assert not hidden.update(5.0, eyes_at(300.0), 60.0, 1 / 30, 0.0) and hidden.held
+    assert hidden.update(5.0, eyes_at(x, left_px), 60.0, 1 / 30, 0.0) != held
+    assert hidden.held == held
+
+
+def test_the_face_after_a_hold_is_the_same_and_its_filter_starts_anew() -> None:
+    """Another generation would count as another viewer."""
+    tracker = EyeTracker(Track(), engine=ENGINE)
+    sure = attrs.evolve(FACE, confidence=1 - 1e-8)
+    tracker.update(sure, 0)
+    before = record_of(tracker)
+    pulled = FACE.eyes_px + np.array((15.0, 0.0))
+    tracker.update(attrs.evolve(FACE, eyes_px=pulled), 30_000_000)
+    np.testing.assert_array_equal(record_of(tracker)["filtered_px"], before["filtered_px"])
+    tracker.update(attrs.evolve(sure, eyes_px=pulled), 60_000_000)
+    after = record_of(tracker)
+    np.testing.assert_array_equal(after["filtered_px"], pulled)
+    assert after["generation"] == before["generation"]
 
 
 def test_eye_tracker_names_an_engine_without_a_usable_face_until_it_gives_one() -> None:

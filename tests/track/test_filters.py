@@ -18,12 +18,14 @@ from numpy.typing import NDArray
 from lfpipe.config import FILTER_MODULES, Track
 from lfpipe.eyes import MAX_EYE_PX, low_pass_gain
 from lfpipe.track import filters
-from lfpipe.track.filters import models, noise
+from lfpipe.track.filters import learnt_motion, models, noise
 from lfpipe.track.filters.base import MAX_STEP_NS, MIN_STEP_NS, EyeFilter
+from lfpipe.track.filters.half_distance import HalfDistance
 from lfpipe.track.filters.imm import ImmFilter
 from lfpipe.track.filters.kalman import Covariance
 from lfpipe.track.filters.mean import Mean
 from lfpipe.track.filters.one_euro import OneEuro
+from lfpipe.track.filters.outliers import OutlierGate
 from lfpipe.track.filters.table import make_filter
 
 FRAME_NS = 33_333_333
@@ -273,6 +275,48 @@ def test_one_wrong_landmark_is_not_magnified(rate_hz: int) -> None:
     wrong = sideways(lambda t_s: 30.0 * (t_s == 3))
     off = predicted(make("predictive"), wrong, range(4 * rate_hz), 0.1, rate_hz=rate_hz)
     assert np.abs(off[3 * rate_hz :]).max() < 0.05 * 60
+
+
+def test_a_head_that_rolls_at_an_even_rate_is_predicted_without_lag() -> None:
+    """By 1 rad/s, 80 ms ahead; a single frame whose one eye is wrong turns nothing."""
+    filter_ = make_filter(Track(), 0.08)
+    half_px = 30.0
+
+    def rolled(angle: float) -> np.ndarray:
+        aside = half_px * np.array((math.cos(angle), math.sin(angle)))
+        return np.array((320.0, 240.0)) + np.stack((aside, -aside))
+
+    for k in range(60):
+        filter_.update(k * FRAME_NS, rolled(k * FRAME_NS / 1e9))
+    seen_ns = 59 * FRAME_NS + 80_000_000
+    off_px = np.abs(filter_.predict(seen_ns) - rolled(seen_ns / 1e9)).max()
+    assert off_px < 0.15 * 0.08 * half_px
+
+    half = HalfDistance((half_px, 0.0))
+    for wrong_px in (0.0, 8.0, 0.0, 0.0):
+        half.update((half_px, wrong_px), 0.01, 1 / 30)
+    assert math.hypot(*half.velocity) < 1.0
+
+
+@pytest.mark.parametrize(("rate_hz", "most"), [(0.5, 1.02), (3.5, 0.7)], ids=["sways", "shakes"])
+def test_the_last_steps_predict_a_head_that_repeats_itself(
+    rate_hz: float, most: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Error of the delay of 80 ms against that of the models alone."""
+    learnt = missed_px(make_filter(Track(), 0.08), swaying(18, rate_hz), range(300))
+    monkeypatch.setattr(learnt_motion, "PRIOR", 1e30)
+    alone = missed_px(make_filter(Track(), 0.08), swaying(18, rate_hz), range(300))
+    assert learnt < most * alone
+
+
+def test_a_head_that_is_often_far_from_its_prediction_is_no_outlier() -> None:
+    """As one that shakes fast; 24 px are 0.4 eye distances."""
+    calm, shaken = OutlierGate(), OutlierGate()
+    for _ in range(15):
+        assert not calm.rejects((300.0, 200.0), (299.0, 200.0), 1.0, 60.0, 1 / 30)
+        assert not shaken.rejects((300.0, 200.0), (286.0, 200.0), 14.0, 60.0, 1 / 30)
+    assert calm.rejects((324.0, 200.0), (300.0, 200.0), 24.0, 60.0, 1 / 30)
+    assert not shaken.rejects((324.0, 200.0), (300.0, 200.0), 24.0, 60.0, 1 / 30)
 
 
 def lags_ms(x_px: Callable[[float], float], speed_px_s: float) -> float:

@@ -9,14 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.simulator.scripts import FRAME_PX, Script
+from lfpipe.capture.camera import SensorClock
 from lfpipe.track.detector import Box, Detection, overlap
 from lfpipe.track.engine import Engine, Face
 from lfpipe.track.litert_engine import LitertEngine
 from lfpipe.track.network import Roi
 from lfpipe.transport.clock import MS_NS
+from lfpipe.transport.ring import StampKind
 
 NOISE_PX = 0.3  # of live faces at 640x480, whose eyes are 60 px apart: 0.22 to 0.34 px measured
-TRACKED_MS = 10.0  # from a frame's stamp to its eyes, with a read and the networks between
+READ_MS = 5.0  # from a frame's exposure until it is read
+TRACKED_MS = 10.0  # from a frame's exposure to its eyes, with the read and the networks between
 T0_NS = 10**12  # when the simulation begins
 # A face at the border of the picture is measured wrongly at first, in eye distances:
 # the detector's region is cut off, that of its landmarks is not.
@@ -37,34 +40,46 @@ class Camera:
     """Share of frames that are lost."""
     doubled: float = 0.0
     """Share of frames that repeat the one before, with a stamp of their own."""
+    every: tuple[int, ...] = (1,)
+    """In equal parts of the time, the camera takes only every n-th frame."""
     stamp_noise_ms: float = 0.0
     stamp_late_ms: float = 0.0
     """Lateness of every stamp after the exposure; negative: earlier."""
     wrong_stamp_ms: float = 0.0
     """Error of one stamp every 2 s."""
     noise_px: float = NOISE_PX
+    phase: float = 0.0
+    """From a vblank of the screen to the first exposure, as a share of the frame interval."""
 
     def frames(self, seconds: float) -> list["Frame"]:
         """The frames of a time, in the order of their arrival."""
         rng = np.random.default_rng(round(self.rate_hz))
         frames = []
         taken_ms = 0.0
-        for k in range(int(seconds * self.rate_hz)):
+        clock = SensorClock(self.rate_hz)
+        count = int(seconds * self.rate_hz)
+        for k in range(count):
             jitter_ms, noise_ms = rng.normal(0.0, 1.0, 2) * (self.jitter_ms, self.stamp_noise_ms)
             drop, double = rng.random(2) < (self.dropped, self.doubled)
-            here_ms = max(k * 1e3 / self.rate_hz + jitter_ms, 0.0)
+            here_ms = max((k + self.phase) * 1e3 / self.rate_hz + jitter_ms, 0.0)
             if not double:
                 taken_ms = here_ms
-            if drop and k:
+            if k and (drop or k % self.every[k * len(self.every) // count]):
                 continue
             late_ms = self.stamp_late_ms + noise_ms
             if k % round(2 * self.rate_hz) == round(self.rate_hz):
                 late_ms += self.wrong_stamp_ms
+            stamp_ns, _ = clock.middle_ns(
+                T0_NS + round((here_ms + late_ms) * MS_NS),
+                StampKind.START_OF_EXPOSURE,
+                T0_NS + round((here_ms + READ_MS) * MS_NS),
+                exposure_ns=0,
+            )
             frames.append(
                 Frame(
                     seq=k,
                     ms=taken_ms,
-                    stamp_ns=T0_NS + round((here_ms + late_ms) * MS_NS),
+                    stamp_ns=stamp_ns,
                     tracked_ns=T0_NS + round((here_ms + TRACKED_MS) * MS_NS),
                 )
             )
@@ -126,7 +141,7 @@ class SyntheticNetworks:
         seen = []
         for k, person in enumerate(self._script.people):
             eyes = person.eyes_px(ms)
-            eye_distance = float(eyes[0, 0] - eyes[1, 0])
+            eye_distance = math.dist(*eyes.tolist())
             x, y = eyes.mean(axis=0).tolist()
             box = (
                 x - 1.2 * eye_distance,

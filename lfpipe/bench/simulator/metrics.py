@@ -94,10 +94,10 @@ def _time_until_right(off: Float, ms: Float, event_ms: float) -> float:
 
 
 def samples(run: Run, script: Script, count: int) -> list[int]:
-    """Refreshes spread evenly over the windows, whose pictures are compared."""
+    """Refreshes whose pictures are compared: the middles of equal parts of the windows."""
     known = np.flatnonzero(np.any([window.holds(run.ms) for window in script.windows], axis=0))
-    places = np.linspace(0, len(known) - 1, min(count, len(known))).round().astype(int)
-    return [int(known[place]) for place in np.unique(places)]
+    places = (np.arange(count) + 0.5) * len(known) / count
+    return [int(known[place]) for place in np.unique(places.astype(int))]
 
 
 @attrs.frozen(eq=False)

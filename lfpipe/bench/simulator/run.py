@@ -211,7 +211,7 @@ class Truth:
         rows = self._scene.rows
         cols = self._scene.cols
         eyes = self._script.people[window.person].eyes_px(np.rint(ms).astype(np.int64))
-        alpha_px = self.alpha_px(eyes[:, 0, 0] - eyes[:, 1, 0])[:, None]
+        alpha_px = self.alpha_px(np.hypot(*(eyes[:, 0] - eyes[:, 1]).T))[:, None]
         centre_px = window.rest.x_px, window.rest.y_px
         if self._render.alpha_px != "auto":  # the grid is fixed to the camera
             centre_px = IMAGE.shape[1] / 2, IMAGE.shape[0] / 2
@@ -236,7 +236,8 @@ class Truth:
         whole = np.rint(ms).astype(np.int64)
         motions = []
         for someone in self._script.people:
-            places = someone.path_px[np.minimum(whole, len(someone.path_px) - 1)]
-            steps = np.abs(np.diff(places[:, 1::-1], axis=0))
-            motions.append(steps / self.alpha_px(places[1:, 2])[:, None])
+            eyes = someone.eyes_px(whole)
+            steps = np.abs(np.diff(eyes, axis=0)).max(axis=1)[:, ::-1]
+            alpha_px = self.alpha_px(np.hypot(*(eyes[1:, 0] - eyes[1:, 1]).T))
+            motions.append(steps / alpha_px[:, None])
         return np.asarray(np.max(motions, axis=0))

@@ -37,13 +37,18 @@ class Person:
     """(n,) of the confidence of the landmarks; negative: no face can be found."""
     still: bool = False
     """A portrait: nothing moves, and there is no sensor noise in its place."""
+    roll_deg: Float | None = None
+    """(n,) of the head, about the point between the eyes; None: upright."""
 
     def eyes_px(self, ms: NDArray[np.int64] | int) -> Float:
         """The true eyes (..., 2, 2), left first, at these ms."""
-        place = self.path_px[np.minimum(ms, len(self.path_px) - 1)]
-        half = place[..., 2] / 2
-        x = np.stack([place[..., 0] + half, place[..., 0] - half], axis=-1)
-        return np.stack([x, np.broadcast_to(place[..., 1:2], x.shape)], axis=-1)
+        at = np.minimum(ms, len(self.path_px) - 1)
+        place = self.path_px[at]
+        angle = np.radians(
+            np.zeros(place.shape[:-1]) if self.roll_deg is None else self.roll_deg[at]
+        )
+        half = place[..., 2:] / 2 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        return np.stack([place[..., :2] + half, place[..., :2] - half], axis=-2)
 
 
 @attrs.frozen(kw_only=True)
@@ -138,12 +143,17 @@ def swayed(
     return np.asarray(places + reach_px * share[:, None] * sway, np.float64)
 
 
-def person(places: Float, *dips: tuple[float, float, float], still: bool = False) -> Person:
+def person(
+    places: Float,
+    *dips: tuple[float, float, float],
+    still: bool = False,
+    roll_deg: Float | None = None,
+) -> Person:
     """A person on a path. dips: (from_s, to_s, logit) of times of other confidence."""
     logit = np.full(len(places), SUREST)
     for from_s, to_s, value in dips:
         logit[round(from_s * 1000) : round(to_s * 1000)] = value
-    return Person(path_px=places, logit=logit, still=still)
+    return Person(path_px=places, logit=logit, still=still, roll_deg=roll_deg)
 
 
 def _at(x: float, y: float = 240.0, eye_distance: float = 60.0) -> Place:
@@ -153,6 +163,7 @@ def _at(x: float, y: float = 240.0, eye_distance: float = 60.0) -> Place:
 SEATED = Rest(*SEAT)
 SETTLED_S = 2.0  # after somebody sat down: the rest is measured, and the neutral position eased
 HIDDEN = -9.0  # logit of a face that cannot be found
+COVERED = 5.0  # the same with a hand before an eye
 OUT_RIGHT = _at(730.0)
 OUT_LEFT = _at(-90.0)
 
@@ -210,6 +221,8 @@ SCRIPTS = (
     seated("sways at 2 Hz", swayed(path(6.0, SEAT), 25.0, 2.0)),
     seated("steps", path(8.5, SEAT, *_steps(6, 2.0))),
     seated("shakes", swayed(path(5.0, SEAT), 18.0, 3.5, up=0.0)),
+    # as the fastest real head that was measured: 17 eye distances per second
+    seated("shakes fast", swayed(path(5.0, SEAT), 40.0, 4.0, up=0.0)),
     # out of the zone and back, with as long a stay as is no new seat
     seated(
         "leans out",
@@ -220,6 +233,47 @@ SCRIPTS = (
     seated(
         "leans in",
         path(7.5, SEAT, Move(2.5, 3.5, _at(320.0, eye_distance=85.0)), Move(4.5, 5.5, SEAT)),
+    ),
+    # out of the zone and back after a stay that is as long as that in a new seat
+    Script(
+        name="leans out for 2 s",
+        people=(person(path(10.0, SEAT, Move(2.5, 3.3, _at(470.0)), Move(5.3, 6.1, SEAT))),),
+        windows=(settled(2.5), after(6.1, 10.0)),
+    ),
+    Script(
+        name="moves to another seat",
+        people=(person(path(8.0, SEAT, Move(2.5, 3.5, _at(480.0)))),),
+        windows=(settled(2.4), after(3.5, 8.0, Rest(480.0, 240.0, 60.0))),
+    ),
+    # the viewer leaves; the tracker follows a neighbour, who then sits down in the empty seat
+    Script(
+        name="another sits down in the left seat",
+        people=(
+            person(path(11.0, SEAT, Move(2.2, 3.2, OUT_RIGHT))),
+            person(path(11.0, _at(170.0, 230.0, 52.0), Move(6.0, 7.0, SEAT))),
+        ),
+        windows=(settled(2.3), after(7.0, 11.0, person=1)),
+    ),
+    # from 0.63 m to 0.3 m and back
+    seated(
+        "comes to 0.3 m",
+        path(7.5, SEAT, Move(2.5, 3.7, _at(320.0, eye_distance=126.0)), Move(5.0, 6.2, SEAT)),
+    ),
+    # the head, by 60 degrees to the side and back
+    Script(
+        name="rolls the head",
+        people=(
+            person(
+                path(8.0, SEAT),
+                roll_deg=path(
+                    8.0,
+                    (0.0, 0.0, 0.0),
+                    Move(2.5, 4.0, (60.0, 0.0, 0.0)),
+                    Move(5.5, 7.0, (0.0, 0.0, 0.0)),
+                )[:, 0],
+            ),
+        ),
+        windows=(settled(8.0),),
     ),
     # through the right side and for good; the view holds and eases to its middle
     Script(
@@ -279,7 +333,39 @@ SCRIPTS = (
     _glitch("one frame wrong by .12", 0.12, 0.12),
     _glitch("one frame wrong by .58", 0.58, 0.58),
     _glitch("one eye wrong by .28", 0.28, 0.0),
+    _glitch("the right eye wrong by .28", 0.0, 0.28),
     _glitch("two frames wrong by .58", 0.58, 0.58, 2),
+    # it covers the left eye and pulls its landmarks, first of a still head and then of a moving one
+    Script(
+        name="a hand before an eye",
+        people=(
+            person(
+                path(9.0, SEAT, Move(4.8, 6.3, _at(380.0))),
+                (2.5, 3.5, COVERED),
+                (5.2, 6.2, COVERED),
+            ),
+        ),
+        windows=(settled(2.5), after(2.5, 4.8), after(4.8, 9.0)),
+        glitches=(
+            Glitch(at_s=2.5, left=0.25, right=0.05, frames=30),
+            Glitch(at_s=5.2, left=0.25, right=0.05, frames=30),
+        ),
+    ),
+    # somebody nearer than the viewer, whom they cover for a moment
+    Script(
+        name="a nearer passer-by",
+        people=(
+            person(path(8.0, SEAT), (3.8, 4.2, HIDDEN)),
+            person(
+                path(
+                    8.0,
+                    _at(-150.0, 250.0, 85.0),
+                    Move(3.0, 5.0, _at(790.0, 250.0, 85.0), even=True),
+                )
+            ),
+        ),
+        windows=(settled(3.8), after(4.2, 8.0)),
+    ),
     # a neighbour who is as near as the viewer stays; somebody passes behind
     Script(
         name="two people and a passer-by",

@@ -5,6 +5,8 @@ easing of the view.
     nobody     a face                                                  arriving
     arriving   it rests                                                seated, measured
     seated     it rests with both eyes beyond the grid                 seated, measured again
+               it settles beyond the grid in a seat that was left      seated, as measured then
+               less than RETURN_S ago
                it was just found beyond the grid and stands still      exchanged
     arriving, seated, exchanged
                another face took over                                  exchanged
@@ -17,11 +19,11 @@ easing of the view.
 
 "Rests": for REST_S and REST_FRAMES the eyes stay within REST_SPAN of a point, and their distance
 from each other within REST_DEPTH. "Another face took over": a face of another track follows within
-GAP_S of the last; a longer gap means that the camera stood still. A face is that of a seat if it is
-where the seat's face was last, and as large (RETURN_SPAN, RETURN_DEPTH). The measurement is the
-mean over the rest of the eyes' position and of their distance from each other, which gives the
-viewer's distance. While no face is seen, and when one returns, the view holds, glides to neutral
-and is eased back; it never jumps.
+GAP_S of the last; a longer gap means that the camera stood still. "Settles": the same for SETTLED_S
+and SETTLED_FRAMES. A face is that of a seat if it is where the seat's face was last, and as large
+(RETURN_SPAN, RETURN_DEPTH). The measurement is the mean over the rest of the eyes' position and of
+their distance from each other, which gives the viewer's distance. While no face is seen, and when
+one returns, the view holds, glides to neutral and is eased back; it never jumps.
 """
 
 import enum
@@ -91,7 +93,7 @@ class Rest(NamedTuple):
 
 
 class Seat(NamedTuple):
-    """A seat whose viewer another face has replaced.
+    """A seat that was left: by a viewer who moved, or whom another face has replaced.
 
     last: where the viewer was seen last. rest: as measured.
     """
@@ -158,21 +160,38 @@ class Presence:
         just_found = t_ns - self._found_ns < FOUND_S * SECOND_NS
         if self.state is ViewerState.SEATED and beyond and self.settled and just_found:
             self._leave(t_ns)
-        if self.state is ViewerState.EXCHANGED:
-            seat = self._recent_seat(t_ns)
-            if seat is not None and seat.rest.contains(here, REST_SPAN, RETURN_DEPTH):
-                return self._return(seat, here)
+        seat = self._recent_seat(t_ns)
+        if seat is not None and self._is_back(seat, here, beyond):
+            return self._return(seat, here)
         if rest is None or (self.state is ViewerState.SEATED and not beyond):
             return None
+        self._remember(t_ns)
         self.state = ViewerState.SEATED
         self._first = None
         self._measured = rest
         return rest
 
-    def _leave(self, t_ns: int) -> None:
-        """Another place is looked from; the seat is remembered."""
+    def _is_back(self, seat: Seat, here: Rest, beyond: bool) -> bool:
+        """Whether the eyes are in a seat that was left: at once if another face took over, and
+        settled there if the viewer had moved to another seat.
+        """
+        if self.state is ViewerState.EXCHANGED:
+            return seat.rest.contains(here, REST_SPAN, RETURN_DEPTH)
+        return (
+            self.state is ViewerState.SEATED
+            and beyond
+            and self.settled
+            and seat.rest.contains(here, RETURN_SPAN, RETURN_DEPTH)
+        )
+
+    def _remember(self, t_ns: int) -> None:
+        """Remembers the seat, if one was measured, as the one that was left."""
         if self._last is not None and self._measured is not None:
             self._left = Seat(self._last, self._measured, t_ns)
+
+    def _leave(self, t_ns: int) -> None:
+        """Another place is looked from; the seat is remembered."""
+        self._remember(t_ns)
         self.state = ViewerState.EXCHANGED
         self._measured = None
 

@@ -37,11 +37,11 @@ from lfpipe.transport.clock import SECOND_NS
 # Time constants by which alpha follows the viewer's distance, seen as the distance between the
 # eyes: quickly to another distance, so that depth never stays beyond comfort; slowly where the
 # difference is the noise of a measurement.
-DISTANCE_S = 0.25
+DISTANCE_S = 0.1
 STILL_S = 1.0
 STILL = 0.02
-NEUTRAL_S = 0.5  # time constant of changes of the neutral position
-SETTLE_S = 0.25  # the same before it is measured, while the eyes stand still
+# Time constant of the neutral position before it is measured, while the eyes stand still.
+SETTLE_S = 0.25
 KNOWN_S = 0.25  # after which the motion of a face that was just found is believed
 POSE_S = 0.1  # time constant of the distance that gives the position before the screen
 MOVED = 0.01  # change of the distance after which the views between the eyes are chosen again
@@ -92,9 +92,8 @@ class Viewer:
         # the mapping from eyes to views; None until a face was seen
         self.solver: ViewSolver | None = None
         self.presence = Presence()
-        self._target_px: tuple[float, float] | None = None  # neutral position; None: not measured
         self._dragged = False  # whether the eyes drag the neutral position along
-        self._centre_px: tuple[float, float] | None = None  # the same, while moving there
+        self._centre_px: tuple[float, float] | None = None  # neutral position; None: no face yet
         self._eyes_px: Eyes = (0.0, 0.0, 0.0, 0.0)
         self._seen = False
         self._eye_distance_px = 0.0  # follows the distance slowly
@@ -161,7 +160,7 @@ class Viewer:
     def recentre(self) -> None:
         """Makes the last position of the eyes the neutral position."""
         if self._seen:
-            self._target_px = self._centre_px = middle_of(self._eyes_px)
+            self._centre_px = middle_of(self._eyes_px)
             self.solver = None
 
     def viewpoints(
@@ -295,33 +294,27 @@ class Viewer:
         beyond = eyes_px is not None and solver.beyond(eyes_px)
         rest = self.presence.update(t_sensor_ns, here, generation, beyond)
         if rest is not None and self._auto and not self._neutral_is_fixed:
-            self._target_px = rest.x_px, rest.y_px
+            self._centre_px = solver.centre_px = rest.x_px, rest.y_px
             self._choose(rest.eye_distance_px)
-            if self.presence.returned:
-                self._centre_px = solver.centre_px = self._target_px
 
     def _follow_neutral(
         self, solver: ViewSolver, centre_px: tuple[float, float], eyes_px: Eyes | None, dt_s: float
     ) -> None:
-        """Moves the neutral position to the measured one, and alpha with the distance; until a rest
-        the grid follows the eyes, and whoever stands still comes to its middle.
+        """Moves alpha with the distance; until a rest is measured, the grid follows the eyes, and
+        whoever stands still comes to its middle.
         """
         assert self.parallax is not None
         if eyes_px is not None and abs(self._eye_distance_px / self.parallax.eyes_px - 1) > MOVED:
             self._choose(self._eye_distance_px)
         solver.alpha_px = self._eye_distance_px / self.parallax.views_between_eyes
         self._dragged = False
-        if self._neutral_is_fixed:
-            pass
-        elif self.presence.state in (ViewerState.ARRIVING, ViewerState.EXCHANGED):
-            if eyes_px is not None:
-                inside_px = solver.dragged(centre_px, eyes_px)
-                self._dragged = inside_px != centre_px
-                centre_px = inside_px
-                if self.presence.settled:
-                    centre_px = _towards(centre_px, middle_of(eyes_px), dt_s, SETTLE_S)
-        elif self._target_px is not None:
-            centre_px = _towards(centre_px, self._target_px, dt_s, NEUTRAL_S)
+        moving = self.presence.state in (ViewerState.ARRIVING, ViewerState.EXCHANGED)
+        if moving and eyes_px is not None and not self._neutral_is_fixed:
+            inside_px = solver.dragged(centre_px, eyes_px)
+            self._dragged = inside_px != centre_px
+            centre_px = inside_px
+            if self.presence.settled:
+                centre_px = _towards(centre_px, middle_of(eyes_px), dt_s, SETTLE_S)
         self._centre_px = solver.centre_px = centre_px
 
     def _choose(self, eye_distance_px: float) -> None:

@@ -15,8 +15,10 @@ import numpy as np
 from lfpipe.config import Track
 from lfpipe.track.filters.base import EyeFilter, Points
 from lfpipe.track.filters.growth_limit import GrowthLimit
+from lfpipe.track.filters.half_distance import HalfDistance
+from lfpipe.track.filters.learnt_motion import LearntMotion
 from lfpipe.track.filters.models import Models
-from lfpipe.track.filters.motion_weight import MotionWeight, eye_distance_of, smoothed_half
+from lfpipe.track.filters.motion_weight import MotionWeight, eye_distance_of
 from lfpipe.track.filters.noise import MeasurementNoise
 from lfpipe.track.filters.outliers import OutlierGate
 from lfpipe.track.filters.velocity_gain import FRAME_S, VelocityGain
@@ -35,12 +37,14 @@ class ImmFilter(EyeFilter):
     def _start(self, t_ns: int, measured: Points) -> None:
         (lx, ly), (rx, ry) = measured.tolist()
         midpoint = (lx + rx) / 2, (ly + ry) / 2
-        self._half = (lx - rx) / 2, (ly - ry) / 2
-        eye_distance_px = eye_distance_of(self._half)
-        self._noise = MeasurementNoise(self._half, eye_distance_px)
+        half = (lx - rx) / 2, (ly - ry) / 2
+        self._half = HalfDistance(half)
+        eye_distance_px = eye_distance_of(half)
+        self._noise = MeasurementNoise(half, eye_distance_px)
         self._models = Models(midpoint, self._noise.midpoint_variance, eye_distance_px)
         self._motion = MotionWeight(midpoint)
         self._gain = VelocityGain(self._device_latency_s)
+        self._learnt = LearntMotion(self._device_latency_s)
         self._growth = GrowthLimit(FRAME_S + self._device_latency_s)
         self._outliers = OutlierGate()
         self._used_ns = t_ns
@@ -61,7 +65,7 @@ class ImmFilter(EyeFilter):
             midpoint,
             (last_x + moved_x, last_y + moved_y),
             deviation_px,
-            eye_distance_of(self._half),
+            eye_distance_of(self._half.half),
             since_s,
         ):
             return self._position + self._velocity * dt_s, self._velocity
@@ -74,7 +78,7 @@ class ImmFilter(EyeFilter):
         models.update(
             midpoint, noise.of_midpoint(since_s, models.velocity), eye_distance_px, since_s
         )
-        self._half = hx, hy = smoothed_half(self._half, half, noise.variance)
+        self._half.update(half, noise.variance, since_s)
         mx, my = models.position
         u, v = models.velocity
         weight = self._motion.update(models.position, models.velocity, noise.variance, since_s)
@@ -83,7 +87,13 @@ class ImmFilter(EyeFilter):
         )
         innovation = x - last_x - moved_x, y - last_y - moved_y
         u, v = self._growth.limit(velocity, innovation, since_s)
-        return np.array(((mx + hx, my + hy), (mx - hx, my - hy))), np.array(((u, v), (u, v)))
+        hx, hy = self._half.half
+        hu, hv = self._half.velocity
+        u, v = self._learnt.apply(t_ns, since_s, midpoint, (mx, my), (u, v), eye_distance_px)
+        return (
+            np.array(((mx + hx, my + hy), (mx - hx, my - hy))),
+            np.array(((u + hu, v + hv), (u - hu, v - hv))),
+        )
 
 
 def make(track: Track, device_latency_s: float) -> ImmFilter:

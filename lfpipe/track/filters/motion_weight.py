@@ -9,20 +9,10 @@ from lfpipe.eyes import low_pass_gain
 from lfpipe.track.filters.base import Vector
 from lfpipe.track.filters.noise import RATE_HZ
 
-# Changes below so many standard deviations count as noise: of the half distance, and of motion.
-HALF_BAND, MOTION_BAND = 4.5, 9.0
+MOTION_BAND = 9.0  # motion below so many standard deviations counts as noise
 # Motion is the larger of DRIFT times the way from the position low-passed over DRIFT_S, and of the
 # speed over one frame at RATE_HZ.
 DRIFT, DRIFT_S = 0.6, 0.13
-
-
-def smoothed_half(half: Vector, measured: Vector, variance: float) -> Vector:
-    """The half distance of the eyes moved towards the measured one, by less within the noise."""
-    hx, hy = half
-    dx, dy = measured[0] - hx, measured[1] - hy
-    square = dx * dx + dy * dy
-    gain = square / max(square + variance * HALF_BAND**2, 1e-300)
-    return hx + gain * dx, hy + gain * dy
 
 
 class MotionWeight:

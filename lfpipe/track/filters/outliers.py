@@ -6,11 +6,15 @@ of bad frames in profiling/results/eyes.md).
 
 import math
 
+from lfpipe.eyes import low_pass_gain
 from lfpipe.track.filters.base import Vector
 
-# No head is further from its prediction than this, in eye distances: 20 m/s^2, and twice the worst
-# of real heads.
+# Heads are no further from their prediction than this, in eye distances: 20 m/s^2, and twice the
+# worst of 17 real heads.
 MAX_DEVIATION, MAX_DEVIATION_S2 = 0.12, 158.0
+# A head that shakes by 17 eye distances per second is, in one frame of ten. There, the low-passed
+# deviation of the last frames raises the limit.
+USUAL_WEIGHT, USUAL_S = 2.0, 0.3
 
 
 class OutlierGate:
@@ -18,6 +22,7 @@ class OutlierGate:
 
     def __init__(self) -> None:
         self._rejected: Vector | None = None
+        self._usual_px = 0.0  # deviation of the last frames, low-passed
 
     def rejects(
         self,
@@ -33,6 +38,8 @@ class OutlierGate:
         since_s: since the last frame that was accepted.
         """
         limit = (MAX_DEVIATION + MAX_DEVIATION_S2 * since_s * since_s) * eye_distance_px
+        limit += USUAL_WEIGHT * self._usual_px
+        self._usual_px += low_pass_gain(since_s, USUAL_S) * (deviation_px - self._usual_px)
         rejected = deviation_px > limit and not self._is_repeated_jump(midpoint, predicted)
         self._rejected = midpoint if rejected else None
         return rejected
