@@ -86,7 +86,7 @@ def test_monitor_lists_the_metrics_that_stages_declare(capsys: pytest.CaptureFix
     metrics = session_metrics("mine", rows, METRICS, np.zeros((), SESSION), 0)
     print_state(converter().structure(metrics.to_dict(), SessionMetrics))
     printed = capsys.readouterr().out
-    assert "track   face yes\n" in printed
+    assert "track   face yes" in printed
     assert "juddered 3, onset_ms 61.2, steady_ms -" in " ".join(printed.split())
     assert max(map(len, printed.splitlines())) <= 80
 
