@@ -32,10 +32,10 @@ def configuration() -> str:
     lines = [
         "# Configuration\n",
         (
-            "Set keys in your settings (`lfpipe config init` writes the file), with `--config"
-            " FILE`, or with `--set SECTION.KEY=VALUE`; the last one wins. The first value is the"
-            " default. *live*: `lfpipe ctl set` changes the key in a running session. *no replay*: the key"
-            " has no effect on a replay."
+            "Set keys in your settings (`lfpipe config init` writes the file), with"
+            " `--config FILE`, or with `--set SECTION.KEY=VALUE`; the last one wins. The first"
+            " value is the default. *live*: `lfpipe ctl set` changes the key in a running session."
+            " *no replay*: the key has no effect on a replay."
         ),
     ]
     section = ""
