@@ -196,7 +196,7 @@ class _FlippingWindow:
         return t_ns - int(MEASURE_S * SECOND_NS)
 
     def _flip(self) -> int:
-        """Shows the other level when its hold is over; returns when it was handed over."""
+        """Shows the other level when its hold is over; returns when it was submitted."""
         if self._watch.failure is not None:
             raise self._watch.failure
         window = self.window
@@ -217,7 +217,7 @@ class _FlippingWindow:
         self._number += 1
         window.show(self._levels[self._number % 2])
         if not reported:
-            # as a session plans it if no blanks are reported
+            # as a session plans it if no vblanks are reported
             self._presented_ns[self._number] = t_ns
         for answer in window.presented():
             if answer.t_ns:

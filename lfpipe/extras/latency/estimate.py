@@ -435,7 +435,7 @@ def _checked(recording: Recording) -> Recording:
             "the camera's driver does not stamp the frames",
             "use another camera: only its driver knows when a frame was exposed",
         )
-    # of two flips at one blank, the first was never seen
+    # of two flips at one vblank, the first was never seen
     visible = np.diff(recording.t_flip_ns, append=np.iinfo(np.int64).max) > 0
     recording = attrs.evolve(
         recording, t_flip_ns=recording.t_flip_ns[visible], bright=recording.bright[visible]
