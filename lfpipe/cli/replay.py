@@ -138,13 +138,13 @@ def _replayed(
         return []
     _print_comparison(compared, against)
     if compared.differences and out is None:
-        say("--out DIR keeps the pictures that show a difference")
+        say("use --out DIR to keep the pictures that differ")
     sys.stdout.flush()  # detects a closed pipe here, while it still counts as a failure
     return cases_of(compared.differences)
 
 
 def _require_reference(expect: Path) -> None:
-    """Raises UserError if there is none that can be read."""
+    """Raises UserError if the reference is missing."""
     if not is_dir(expect):
         run.recover_reference(expect)
     if not is_dir(expect):

@@ -36,7 +36,7 @@ SUBJECTS = (REPLAY, TRUTH, QUALITY, TABLE, *BENCH)
 NEEDS = {REPLAY: "sequences", TRUTH: "sequences", QUALITY: "scenes", TABLE: "scenes"}
 TIMED = (TABLE, *BENCH)  # run alone
 PLAN_BYTES = 1 << 20  # more than anybody types
-MAX_CELLS = 100_000  # a day of a cluster; a list too many is a mistake
+MAX_CELLS = 100_000  # a day on a cluster; more is probably an error
 # allowed values, default
 PROTOCOL: dict[str, tuple[Collection[int], int]] = {
     "keep": ((2, 3), 2),
