@@ -18,6 +18,7 @@ POSITIONAL = {
     "capture": "Frame Mode SourceInfo",
     "config": "Key",
     "extras": "Outcome Sample",
+    "render": "Item Pointer",
     "track": "Face",
     "transport": "Stamp",
 }

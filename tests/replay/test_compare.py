@@ -175,7 +175,7 @@ def test_other_versions_are_reported_and_rounding_passes(run: Path) -> None:
     was = "4.12.0.88 in the reference"
     is_now = json.loads((run / REPORT).read_text())["versions"][OPENCV]
     assert (
-        found.notes[0] == f"compared with tolerances, not bit by bit: {OPENCV} {was}, {is_now} now"
+        found.notes[0] == f"compared with tolerances, not bit for bit: {OPENCV} {was}, {is_now} now"
     )
     assert "300 of 300 digests differ, least PSNR 5" in found.notes[1]
     assert not (run / "difference").exists()
