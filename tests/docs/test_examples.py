@@ -73,7 +73,7 @@ RUNNER = """
     if __name__ == "__main__":
         process_table.STAGES = (*process_table.STAGES, {row})
         process_table.NAMES = tuple(stage.name for stage in process_table.STAGES)
-        process_table.METRICS = {stage.name: stage.metrics for stage in process_table.STAGES}
+        process_table.METRICS = {{one.name: one.metrics for one in process_table.STAGES}}
         from lfpipe.cli import run
 
         run()
