@@ -1,4 +1,4 @@
-"""What a person did that cannot work, phrased so that they can fix it."""
+"""User errors, with the problem and its remedy."""
 
 import json
 import re
@@ -13,12 +13,12 @@ CREDENTIALS = re.compile(r"(\b[a-z][a-z0-9+.-]{0,15}://)[^/\s]*@", re.I)
 
 
 class UserError(Exception):
-    """A mistake of the user's or of their machine, never of the program's: printed without
-    traceback, exit code 2.
+    """An error of the user or their machine, never of the program: printed without traceback, exit
+    code 2.
 
-    message names the thing and the value; remedy is what to do about it. Both may quote names and
-    values from files that nobody has checked: they are made `plain` and short here, so that every
-    terminal, log and message can carry them.
+    message names the problem and the value; remedy is how to fix it. Both may quote unchecked names
+    and values from files: they are made `plain` and short here, safe for every terminal, log and
+    message.
     """
 
     def __init__(self, message: str, remedy: str = "") -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 Eyes = tuple[float, float, float, float]  # x and y of the left eye, x and y of the right one
 
 # Points are [[left x, left y], [right x, right y]] of the viewer's own eyes in px of the unmirrored
-# camera picture, so the left eye stands at larger x. The ring's slot header repeats source_seq,
+# camera picture, so the left eye is at larger x. The ring's slot header repeats source_seq,
 # epoch and the stamps of the frame.
 EYES = np.dtype(
     [
@@ -66,8 +66,8 @@ class EyesRecord(NamedTuple):
 # temples, and in front of the ears.
 HEAD_POINTS = (1, 10, 33, 133, 362, 263, 127, 356, 234, 454)
 
-# A picture shown, for who shares the session; the slot header repeats the stamps of the frame that
-# it was made for.
+# A presented picture, for stages that share the session; the slot header repeats the stamps of
+# its frame.
 SHOWN = np.dtype(
     [("t_presented_ns", "<i8"), ("view", "<f8", (2, 2)), ("composed", "<i4"), ("face", "<i4")]
 )
@@ -75,7 +75,7 @@ SHOWN = np.dtype(
 MIN_EYE_DISTANCE_PX = 0.5  # of a plausible face; a tracked one has at least 4 px
 MAX_EYE_PX = 1e6  # coordinates beyond it are outside every camera's picture
 STALE_NS = 500_000_000  # a record this old comes from a tracker that has died
-MAX_PREDICTION_S = 0.25  # beyond a quarter of a second a straight line says nothing about a head
+MAX_PREDICTION_S = 0.25  # a straight line predicts no head further than a quarter of a second
 
 
 def is_plausible_px(*values: float) -> bool:

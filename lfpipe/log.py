@@ -43,7 +43,7 @@ class SessionFile(logging.Handler):
         self.setFormatter(_FORMAT)
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Writes a record; a log that cannot be written disturbs nobody."""
+        """Writes a record; ignores a log that cannot be written."""
         with contextlib.suppress(Exception):
             data = (self.format(record) + "\n").encode(errors="backslashreplace")
             fd = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
@@ -107,7 +107,7 @@ def last_file() -> Path:
 
 
 def keep_last(run_dir: Path) -> None:
-    """Keeps the log of a session that ends, for a report. Does nothing if it cannot be written."""
+    """Stores the log of a session that ends, for a report; ignores one that cannot be written."""
     with contextlib.suppress(OSError):
         last_file().parent.mkdir(parents=True, exist_ok=True)
         last_file().write_bytes(lines(run_dir))

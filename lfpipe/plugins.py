@@ -9,13 +9,13 @@ lfpipe.filters    a function of `config.Track` and device_latency_s that returns
 lfpipe.displays   a function of (argument, size_px, title, rate_hz) that returns a
                   `lfpipe.render.display.display.Display`; `--display NAME[:ARGUMENT]`
 lfpipe.sources    a subclass of `lfpipe.capture.spec.SourceKind`; `--camera NAME:...`
-lfpipe.commands   an `AddedCommand` or `AddedOption` of `lfpipe.cli.plugged`; the name says where:
+lfpipe.commands   an `AddedCommand` or `AddedOption` of `lfpipe.cli.plugged`; its name is
                   COMMAND, GROUP.COMMAND or COMMAND.--OPTION
 lfpipe.stages     a `lfpipe.supervisor.stage_row.Stage`: a row of the process table
 lfpipe.requests   a module or object with the methods of `lfpipe.supervisor.requests.RequestPlugin`;
                   the name is that of the control command
 
-Another package's code runs in here only: whatever it raises becomes a PluginError.
+Code of other packages runs only in this module: whatever it raises becomes a PluginError.
 """
 
 import contextlib
@@ -66,7 +66,7 @@ def plugins(group: str) -> dict[str, str]:
 
 
 class PluginError(UserError):
-    """A plug-in that does not work. name: as its entry point has it."""
+    """A broken plug-in. name: of its entry point."""
 
     def __init__(self, name: str, message: str, remedy: str) -> None:
         super().__init__(message, remedy)

@@ -1,4 +1,4 @@
-"""Fixtures of several rooms: a private world for whole sessions, a clip of a face, a real X
+"""Fixtures of several packages: a private world for whole sessions, a clip of a face, a real X
 server.
 """
 
@@ -77,7 +77,7 @@ SESSIONS = {"world", "live", "screen", "xvfb"}  # fixtures of real sessions and 
 
 @pytest.hookimpl(tryfirst=True)  # before `-m` chooses
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Function]) -> None:
-    """Long rooms first. A test with a session is `live`, unless it is the one of its kind that
+    """Long packages first. A test with a session is `live`, unless it is the one of its kind that
     every run plays through (`everyday`). What soaks runs only if `-m` names it; what only Linux's
     own host has is skipped on the portable one.
     """

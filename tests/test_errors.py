@@ -22,7 +22,7 @@ def test_user_error_is_short_and_printable(message: str, remedy: str, times: int
     assert text.encode().decode() == text and all(c.isprintable() or c == "\n" for c in text)
 
 
-def test_user_error_and_quoted_keep_plain_words() -> None:
+def test_user_error_and_quoted_keep_plain_text() -> None:
     assert (
         str(UserError("Größe 5 µs → 日本\nzwei", "so")) == "Größe 5 µs → 日本\nzwei\n  remedy: so"
     )

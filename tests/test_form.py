@@ -87,7 +87,7 @@ def large_classes() -> Iterator[tuple[str, str, bool]]:
             yield package_of(module), node.name, any("kw_only=True" in one for one in made)
 
 
-def test_large_classes_take_keywords_only() -> None:
+def test_large_classes_are_keyword_only() -> None:
     wrong = {
         f"{package}: {name}"
         for package, name, by_keyword in large_classes()

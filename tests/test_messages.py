@@ -1,6 +1,6 @@
-"""Every refusal once: what causes it, how it begins and the key words of its remedy, with `…` for
-what lies between. The rows stand in `messages.py` in the tests of the room that refuses. Elsewhere
-tests assert the error's class, the exit code and the thing it names, never the sentence.
+"""Each refusal once: its cause, the beginning of its message and key words of its remedy, with `…`
+for text in between. Each package has its rows in `messages.py` of its tests. Other tests assert the
+class of the error, the exit code and the named object, never the sentence.
 """
 
 import importlib

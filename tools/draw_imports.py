@@ -1,128 +1,88 @@
-"""Draws the rooms of the house and the imports between them, as a picture and in words.
+"""Draws the layers of packages and the imports between them: docs/imports.svg. A test keeps it
+current.
 
-    python -m tools.draw_imports [--root FOLDER] OUT.png
+python -m tools.draw_imports
 
-Arrows point from a room to one that it imports, as thick as the number of imports. Red: upwards, or
-within a circle.
+A layer imports only layers below it (`tests/test_structure.py`). Its line crosses the arrow of each
+layer that it imports, with a dot where it joins one.
 """
 
 import argparse
 import ast
-from collections import Counter
 from pathlib import Path
 
-import matplotlib
+from tests.support.source import modules, package_of
+from tests.test_structure import LAYERS
+from tools.svg import CORE, EXTRA, MEMORY, Box, figure, line, text
 
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
-
-
-def room(name: str) -> str:
-    """The room of a file: its folder, or "root" of a loose module; "" for the package's own entry
-    points.
-    """
-    _, here, *inside = name.split("/")
-    return here if inside else "" if here.startswith("__") else "root"
+OUT = Path(__file__).parents[1] / "docs" / "imports.svg"
+TOP_LEVEL = "top-level modules"  # errors, eyes and the like, below all packages
+ROW, LANE, WIDTH, LEFT = 36, 32, 250, 14  # px: of a row, between two arrows, of a layer's box
+COLOURS = ("#3e63dd", "#b25e09", "#218358", "#a144af", "#c62a2f", "#0d74a4")  # of arrows
 
 
-def imports(files: dict[str, str]) -> Counter[tuple[str, str]]:
-    """(room, imported room) -> number of imports."""
-    rooms = {room(name) for name in files}
-    arrows: Counter[tuple[str, str]] = Counter()
-    for name, text in files.items():
-        here = room(name)
-        for node in ast.walk(ast.parse(text)):
-            if (
-                isinstance(node, ast.ImportFrom)
-                and node.module
-                and node.module.split(".")[0] == "lfpipe"
-            ):
+def layers() -> list[set[str]]:
+    """From the bottom up."""
+    return [{TOP_LEVEL}, *LAYERS]
+
+
+def imports() -> set[tuple[int, int]]:
+    """Pairs of a layer and one that it imports."""
+    level = {package: i for i, packages in enumerate(layers()) for package in packages}
+    found = set()
+    for module, tree in modules().items():
+        here = package_of(module) if "/" in module else TOP_LEVEL
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and node.module:
                 words = node.module.split(".")
-                for target in [words[1]] if len(words) > 1 else [one.name for one in node.names]:
-                    there = (
-                        target
-                        if target in rooms
-                        else "root"
-                        if f"lfpipe/{target}.py" in files
-                        else here
-                    )
-                    arrows[here, there] += here not in ("", there)
-    return +arrows
+                if words[0] == "lfpipe" and not module.startswith("__"):
+                    for name in words[1:2] or [one.name for one in node.names]:
+                        found.add((level[here], level.get(name, 0)))
+    return {(here, there) for here, there in found if here != there}
 
 
-def floors(arrows: Counter[tuple[str, str]]) -> dict[str, int]:
-    """The floor of each room: one above the highest that it imports. Rooms within a circle share
-    the floor above the rest.
-    """
-    rooms = {name for arrow in arrows for name in arrow}
-    found: dict[str, int] = {}
-    while left := rooms - found.keys():
-        ready = {
-            name for name in left if all(there in found for here, there in arrows if here == name)
-        } or left
-        found |= {
-            name: 1
-            + max((found.get(there, -1) for here, there in arrows if here == name), default=-1)
-            for name in ready
-        }
-    return found
-
-
-def draw(files: dict[str, str], out: Path) -> None:
-    """Writes the picture and prints the same in words."""
-    arrows = imports(files)
-    floor = floors(arrows)
-    lines: Counter[str] = Counter()
-    for name, text in files.items():
-        lines[room(name)] += text.count("\n")
-    levels = [
-        sorted(name for name in floor if floor[name] == level)
-        for level in range(max(floor.values()) + 1)
+def drawn() -> str:
+    """The text of the figure."""
+    names = layers()
+    arrows = imports()
+    height = ROW * len(names) + 40
+    boxes = [
+        Box(
+            x=LEFT + WIDTH / 2,
+            y=height - ROW * (i + 0.5) - 34,
+            width=WIDTH,
+            height=ROW - 12,
+            lines=(", ".join(sorted(packages)),),
+            fill=EXTRA if "extras" in packages else MEMORY if i == 0 else CORE,
+        )
+        for i, packages in enumerate(names)
     ]
-    place = {
-        name: ((i + 0.5) / len(level), n)
-        for n, level in enumerate(levels)
-        for i, name in enumerate(level)
+    lanes = {
+        there: LEFT + WIDTH + LANE * (len(names) - there - 0.5) for there in range(len(names) - 1)
     }
-    metric, axes = plt.subplots(figsize=(10, 1.1 * len(levels) + 1))
-    for (here, there), count in sorted(arrows.items()):
-        up = floor[here] <= floor[there]
-        style = {
-            "color": "#e5484d" if up else "#8b8d98",
-            "lw": 0.4 + count / 12,
-            "alpha": 0.9 if up else 0.5,
-        }
-        axes.annotate(
-            "",
-            place[there],
-            place[here],
-            arrowprops={"arrowstyle": "-|>", "shrinkA": 14, "shrinkB": 14, **style},
-        )
-        print(f"{here:>10} -> {there:<10} {count:3}{'  upwards or in a circle' if up else ''}")
-    for name, (x, y) in place.items():
-        box = {"boxstyle": "round,pad=0.4", "fc": "white", "ec": "#3e63dd"}
-        axes.text(
-            x, y, f"{name}\n{lines[name]} lines", ha="center", va="center", fontsize=9, bbox=box
-        )
-    axes.set(xlim=(0, 1), ylim=(-0.6, len(levels) - 0.4))
-    axes.axis("off")
-    metric.savefig(out, dpi=110, bbox_inches="tight")
-    print(f"{sum(lines.values())} lines, {len(files)} files; written to {out}")
+    parts = [box.svg() for box in boxes]
+    for here, box in enumerate(boxes):
+        if targets := [there for one, there in arrows if one == here]:
+            parts.append(
+                line([(box.right, box.y - 7), (lanes[min(targets)], box.y - 7)], arrow=False)
+            )
+    for there, x in lanes.items():
+        sources = [here for here, target in arrows if target == there]
+        if sources:
+            box = boxes[there]
+            points = [(x, boxes[max(sources)].y - 7), (x, box.y + 7), (box.right, box.y + 7)]
+            parts.append(line(points, colour=COLOURS[there % len(COLOURS)], width=1.8))
+    for here, there in sorted(arrows):
+        x, y = lanes[there], boxes[here].y - 7
+        fill = COLOURS[there % len(COLOURS)]
+        parts.append(f'<circle cx="{x:g}" cy="{y:g}" r="5" fill="{fill}"/>')
+    note = "A dot: the layer in this row imports the layer that the arrow points to."
+    parts.append(text((LEFT, height - 12), note, anchor="start"))
+    return figure(lanes[0] + LANE / 2, height, "Layers of packages and their imports", parts)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(
+    argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "--root", type=Path, default=Path(__file__).parents[1], help="a checkout; default: this one"
-    )
-    parser.add_argument("out", type=Path, metavar="OUT.png")
-    given = parser.parse_args()
-    draw(
-        {
-            str(path.relative_to(given.root)): path.read_text()
-            for path in (given.root / "lfpipe").rglob("*.py")
-        },
-        given.out,
-    )
+    ).parse_args()
+    OUT.write_text(drawn())

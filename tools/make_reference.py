@@ -1,4 +1,4 @@
-"""Writes docs/configuration.md from the tree of keys, and docs/commands.md from the commands. A
+"""Generates docs/configuration.md from the tree of keys and docs/commands.md from the commands. A
 test keeps both current.
 
 python -m tools.make_reference
@@ -32,10 +32,10 @@ def configuration() -> str:
     lines = [
         "# Configuration\n",
         (
-            "Keys of the user's own file (`lfpipe config init` writes it), of `--config FILE`, and"
-            " of `--set SECTION.KEY=VALUE`. Later ones win. *live*: `lfpipe ctl set` changes it"
-            " while a session runs. *no replay*: of no effect on what a replay computes. Of the"
-            " values, the default is the first."
+            "Set keys in your settings (`lfpipe config init` writes the file), with"
+            " `--config FILE`, or with `--set SECTION.KEY=VALUE`; the last one wins. The first"
+            " value is the default. *live*: `lfpipe ctl set` changes the key in a running session."
+            " *no replay*: the key has no effect on a replay."
         ),
     ]
     section = ""

@@ -41,7 +41,7 @@ TROUBLE = {  # errno of a driver's call -> what it means, what helps; {} is the 
     errno.EACCES: ("no permission", "add yourself to the group `video` and log in again"),
     errno.EPERM: ("the system forbids it", "give a container the device: `--device {}`"),
     errno.EBUSY: ("busy", "close the program that uses it: `fuser -v {}` shows it"),
-    errno.ENOSPC: ("the USB bus has no room for its frames", USB),
+    errno.ENOSPC: ("the USB bus lacks bandwidth for its frames", USB),
     errno.ETIMEDOUT: ("its driver does not answer", REPLUG),
 }
 
@@ -97,7 +97,7 @@ class SensorClock:
 
 
 def trouble(path: Path, error: OSError) -> UserError:
-    """The device's error in the user's words."""
+    """The device's error as a UserError."""
     code, why = error.errno, error.strerror
     if code == errno.ENOENT:
         return UserError(f"camera {path}: no such device", others(path))

@@ -135,7 +135,7 @@ def cameras() -> list[CameraDevice]:
 
 
 def others(path: Path = Path()) -> str:
-    """A remedy for a camera that is not there: the other ones, or what to do without; names
+    """A remedy for a missing camera: the other cameras, or alternatives without one; names
     libcamera if only its cameras are here.
     """
     if listed := ", ".join(
@@ -152,7 +152,7 @@ def others(path: Path = Path()) -> str:
 
 
 class NoCamera(UserError):
-    """Raised where the first camera is asked for and there is none: a session goes on with the
+    """Raised if the first camera is requested and there is none: a session continues with the
     mouse.
     """
 
@@ -175,7 +175,7 @@ def by_name(name: str, devices: list[CameraDevice]) -> CameraDevice:
         d for d in devices if folded in d.name.casefold()
     ]
     if not named:
-        raise UserError(f"camera:{name}: no camera of that name", others())
+        raise UserError(f"camera:{name}: no camera with that name", others())
     if len(named) > 1:
         named = [device for device in named if _captures(device)] or named
     if len(named) > 1:
@@ -189,7 +189,7 @@ class CameraFinder:
 
     It is recognised by its name and its place (the USB port). At another place, a device of that
     name is the same camera only if it came after the first one had gone: another camera of the same
-    model that was there all the time never takes over.
+    model that was connected all the time never takes over.
     """
 
     def __init__(self, spec: CameraSpec) -> None:
@@ -220,7 +220,7 @@ class CameraFinder:
         ]
         candidates.sort(key=lambda device: device.path != known.path)
         # nodes of one camera (pictures, metadata) share name and place,
-        # and may have exchanged their numbers
+        # and may have swapped their numbers
         current = next((device for device in candidates if _captures(device)), None)
         if current is None:
             raise UserError(f"camera {known.path} ({known.name}): unplugged", "plug it in again")

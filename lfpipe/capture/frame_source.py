@@ -1,5 +1,5 @@
-"""The protocol that a camera, a file and the demo share, and frames turned upright for a camera
-that is mounted otherwise.
+"""The protocol of camera, file and demo sources, and frames rotated upright for a camera that is
+mounted otherwise.
 """
 
 from typing import Protocol
@@ -123,7 +123,7 @@ class OrientedSource:
 
 
 def size_notes(size_px: tuple[int, int], camera: config.Camera) -> list[str]:
-    """Says, for people, how frames of that size become those of the configuration; empty if they
+    """Describes how frames of that size become those of the configuration; empty if they
     have its size.
     """
     slot_px = (camera.width_px, camera.height_px)

@@ -14,7 +14,7 @@ from lfpipe.host.processes import usable_cores
 
 
 def resolve(text: str) -> SourceKind:
-    """Parses text; an empty one stands for the first camera.
+    """Parses text; an empty text selects the first camera.
 
     Raises UserError if text names no source, NoCamera if there is no camera at all.
     """
@@ -31,7 +31,7 @@ def camera_name(text: str) -> str:
 
 
 def camera_settings(settings: config.Config) -> config.Camera:
-    """[camera], at no higher a rate than the session can use: FaceMesh takes most of a core at 30
+    """[camera], at most at the rate that the session can use: FaceMesh takes most of a core at 30
     Hz, and two cores are busy with pictures.
     """
     camera = settings.camera

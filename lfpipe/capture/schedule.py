@@ -20,7 +20,7 @@ class Schedule:
     """
 
     def __init__(self, rate_hz: float, rounding_ns: int | None = None) -> None:
-        # 29.97002997 stands for 30000/1001
+        # 29.97002997 means 30000/1001
         period = 1_000_000_000 / Fraction(rate_hz).limit_denominator(1001)
         self._period_ns = period.numerator
         self._parts = period.denominator

@@ -30,22 +30,22 @@ PARAMETERS = f"loop=0|1 and pace=recorded|max|HZ, HZ from {MIN_RATE_HZ:g} to {MA
 
 
 class SourceKind(abc.ABC):
-    """A source that is named and not open. Attributes and methods with a body suit most kinds."""
+    """A source that is named and not open. The defaults suit most kinds."""
 
     form: ClassVar[str]
-    """How its names look, for messages."""
+    """The form of its names, for messages."""
     live: ClassVar[bool] = False
-    """Whether it is a device or a stream: it may come later, go, and come back."""
+    """Whether it is a device or stream, which may appear later, disappear and return."""
     time_limit_s: ClassVar[float] = 60.0
     """Longest time to open it and to read its first frame."""
     remedy: ClassVar[str] = "check its disk or network drive"
-    """What helps if that takes longer."""
+    """The remedy if that takes longer."""
 
     @classmethod
     @abc.abstractmethod
     def parse(cls, rest: str) -> Self | None:
-        """The source whose name ends with rest, after the prefix and the colon; None if there is
-        none. Touches no file. Raises UserError that names the wrong part.
+        """The source named by rest, the text after the prefix and the colon; None if there is none.
+        Opens no file. Raises UserError that names the wrong part.
         """
 
     @abc.abstractmethod
@@ -53,23 +53,23 @@ class SourceKind(abc.ABC):
         """Opens it. Raises UserError."""
 
     def opener(self, camera: config.Camera) -> Callable[[], "FrameSource"]:
-        """Opens it again and again, after the first time perhaps at another place."""
+        """Returns a function that opens it repeatedly, even if the device has moved."""
         return lambda: self.open(camera)
 
     def probe(self, camera: config.Camera) -> "SourceInfo | None":
-        """What is known without reading a frame; None if only its first frame can say."""
+        """The info that is known without reading a frame; None if it needs the first frame."""
         return None
 
     def definite(self, text: str) -> str:
-        """Its name for later. text: the one that it was parsed from."""
+        """Its definite name. text: the parsed one."""
         return text
 
     def name_in_measurements(self, text: str) -> str:
-        """The name of what was measured with it; the same wherever it is plugged in."""
+        """Its name in stored measurements, the same at every port."""
         return redacted(text)
 
     def once(self, text: str) -> str:
-        """Its name if it is to end by itself."""
+        """Its name as a source that plays once."""
         return text
 
     @property
@@ -79,7 +79,7 @@ class SourceKind(abc.ABC):
 
     @property
     def file(self) -> Path | None:
-        """What it reads, which no output may replace."""
+        """The file that it reads, which no output may replace."""
         return None
 
     @property
@@ -90,8 +90,8 @@ class SourceKind(abc.ABC):
 
 @attrs.frozen
 class CameraSpec(SourceKind):
-    """A camera by its device file, or by its name as `lfpipe cameras` prints it; path is then
-    empty. Both empty: the first camera that is there when it is needed.
+    """A camera by its device file, or by its name from `lfpipe cameras` (path is then empty). Both
+    empty: the first camera available when it is needed.
     """
 
     path: Path = Path()
@@ -170,7 +170,7 @@ class FileSpec(SourceKind):
             or (pace not in ("recorded", "max") and hz is None)
         ):
             raise UserError(
-                f"{query!r} in {'file:' + rest!r} is not understood",
+                f"unknown option {query!r} in {'file:' + rest!r}",
                 f"use {PARAMETERS}; if the path of the file contains a '?', append another '?'",
             )
         return cls(
@@ -228,14 +228,14 @@ KINDS: dict[str, type[SourceKind]] = {"camera": CameraSpec, "file": FileSpec, "d
 
 
 def forms() -> str:
-    """How names of sources look, for messages."""
+    """The forms of source names, for messages."""
     more = (f"{name}:..." for name in plugins(SOURCES))
     *most, last = (*(kind.form for kind in KINDS.values()), *more)
     return f"{', '.join(most)}, or {last}"
 
 
 def parse_source(text: str) -> SourceKind:
-    """Parses text, without touching any file. Raises UserError that names the wrong part."""
+    """Parses text, without opening any file. Raises UserError that names the wrong part."""
     prefix, _, rest = text.partition(":")
     source: SourceKind | None = None
     if prefix in KINDS:
@@ -251,7 +251,7 @@ def parse_source(text: str) -> SourceKind:
 
 
 def playing_once(text: str) -> str:
-    """The name of the source that ends by itself, unless text says that it loops.
+    """The name of the source that plays once, unless text requests a loop.
 
     Raises UserError as `parse_source` does.
     """

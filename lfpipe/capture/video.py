@@ -86,7 +86,7 @@ class Video:
             raise
 
     def _start(self) -> None:
-        """Starts over; opens the file anew, because not every stream can seek.
+        """Starts over: reopens the file, because not every stream can seek.
 
         On failure the capture is not open.
         """

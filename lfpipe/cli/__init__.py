@@ -26,17 +26,16 @@ from lfpipe.log import set_up
 log = logging.getLogger(__name__)
 
 
-# in order of use: the module that has the command,
-# and its line in the list of commands
+# command -> its module and summary, in order of use
 COMMANDS = {
-    "up": ("lfpipe.cli.up", "Show a light field from where your eyes are."),
+    "up": ("lfpipe.cli.up", "Show a light field from the position of your eyes."),
     "monitor": ("lfpipe.cli.sessions", "Show latency, rate, drops and load of a running session."),
     "ctl": ("lfpipe.cli.sessions", "Query and control a running session."),
     "scene": ("lfpipe.cli.scene", "Pack, list and inspect light fields."),
     "cameras": ("lfpipe.cli.machine", "List cameras with formats, sizes and rates."),
-    "calibrate": ("lfpipe.cli.calibrate", "Measure the camera's focal length and store it."),
+    "calibrate": ("lfpipe.cli.calibrate", "Measure and store the focal length of the camera."),
     "doctor": ("lfpipe.cli.machine", "Check this machine."),
-    "models": ("lfpipe.cli.machine", "Fetch the face networks if mediapipe has no wheel here."),
+    "models": ("lfpipe.cli.machine", "Download the face networks if mediapipe has no wheel."),
     "config": ("lfpipe.cli.machine", "Write, show and check the configuration."),
     "trace": ("lfpipe.cli.sessions", "Record timelines of a running session for Perfetto."),
     "record": ("lfpipe.cli.sequence", "Record a camera to a new folder."),
@@ -50,7 +49,8 @@ COMMANDS = {
 class Commands(ExtensibleGroup):
     """The commands of COMMANDS, and those of other packages.
 
-    Each module is imported when its command runs; an unknown command gets the closest one named.
+    Each module is imported when its command runs. The error for an unknown command suggests the
+    closest one.
     """
 
     @property
@@ -73,10 +73,10 @@ class Commands(ExtensibleGroup):
         return command
 
     def _summaries(self) -> list[tuple[str, str]]:
-        """Each command with its line."""
+        """(command, summary)."""
         own = {name: summary for name, (_, summary) in COMMANDS.items()}
         more = {name: one.summary for name, one in added(self.place, AddedCommand).items()}
-        return list((own | more | own).items())  # a built-in one keeps its place and its line
+        return list((own | more | own).items())  # a built-in command keeps its position and summary
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
@@ -106,14 +106,14 @@ class Commands(ExtensibleGroup):
     "-v",
     "--verbose",
     count=True,
-    help="Log what a session decides (-v) and does (-vv) to standard error.",
+    help="Log decisions (-v) and details (-vv) to standard error.",
 )
 @click.pass_context
 def cli(context: click.Context, verbose: int) -> int | None:
-    """Look into a light field: a webcam follows your eyes, and red/cyan glasses show each eye its
+    """View light fields in 3D: a webcam tracks your eyes, and red/cyan glasses show each eye its
     own view.
 
-    Start with: lfpipe up --demo. On a desktop, plain lfpipe offers the demo and recent scenes.
+    Start with: lfpipe up --demo. On a desktop, lfpipe without a command opens the start page.
     """
     set_up(verbose)
     if context.invoked_subcommand is not None:
@@ -128,9 +128,7 @@ def cli(context: click.Context, verbose: int) -> int | None:
 
 
 def _path_bytes(error: UnicodeError) -> tuple[str | bytes, int]:
-    """Encoding error handler for stdout: writes a path as its original bytes and escapes anything
-    else.
-    """
+    """Encoding error handler for stdout: writes paths as their original bytes, escapes the rest."""
     try:
         return codecs.lookup_error("surrogateescape")(error)
     except UnicodeError:
@@ -148,9 +146,7 @@ def _check_working_folder() -> None:
 
 
 def _drop_output() -> None:
-    """Writes what stdout still holds, if it can be written; nothing more goes there, not even at
-    the interpreter's end.
-    """
+    """Flushes stdout if possible, then redirects it to the null device."""
     if sys.stdout is None:
         return
     with contextlib.suppress(OSError):
@@ -165,7 +161,7 @@ def _reader_ended() -> NoReturn:
 
 
 def run(notify: Callable[[UserError], None] = print_error) -> None:
-    """Runs the command line. A user's mistake prints one message and ends with exit code 2.
+    """Runs the command line. A user error prints one message and ends with exit code 2.
 
     notify: shows an error.
     """
@@ -183,7 +179,7 @@ def run(notify: Callable[[UserError], None] = print_error) -> None:
     try:
         _check_working_folder()
         code = cli(prog_name="lfpipe", standalone_mode=False)
-        if sys.stdout is not None:  # closed by who started this
+        if sys.stdout is not None:  # closed by the parent process
             sys.stdout.flush()
     except UserError as error:
         fail(error)
@@ -196,7 +192,7 @@ def run(notify: Callable[[UserError], None] = print_error) -> None:
         sys.exit(130)
     except BrokenPipeError:
         _reader_ended()
-    # of this machine: a full disk, a folder that may not be searched, a drive that has gone
+    # caused by this machine: a full disk, a folder without permissions, a lost drive
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         remedy = (

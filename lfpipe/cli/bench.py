@@ -17,25 +17,25 @@ OUT = click.option(
     default=Path("lfpipe-bench"),
     show_default=True,
     metavar="DIR",
-    help="Folder for results; those of other benchmarks in it stay.",
+    help="Folder for results; those of other benchmarks are kept.",
 )
 
 
 @click.group()
 def bench() -> None:
-    """Measure error against run time, on this machine, your scene and your sequence.
+    """Measure error against run time on this machine, with your scene and sequence.
 
-    Writes a report that opens in any browser. Start with: lfpipe bench all --quick
+    The report opens in any browser. Start with: lfpipe bench all --quick
     """
 
 
 def _command(name: str, benchmarks: tuple[str, ...], about: str) -> click.Command:
-    @click.option("--scene", type=PATH, metavar="SCENE", help="Light field. Default: the demo's.")
+    @click.option("--scene", type=PATH, metavar="SCENE", help="Light field; default: the demo.")
     @click.option(
         "--sequence",
         type=PATH,
         metavar="SEQUENCE",
-        help="A recorded sequence, or a video; VIDEO.csv holds its true eyes. Default: the demo's.",
+        help="Recorded sequence, or a video with its true eyes in VIDEO.csv; default: the demo.",
     )
     @OUT
     @click.option(
@@ -84,16 +84,16 @@ for _name, _benchmark in BENCHMARKS.items():
     type=PATH,
     multiple=True,
     metavar="CSV",
-    help="A recorded head track, as one more script: t_s, face, left_x, left_y, right_x, right_y.",
+    help="Add a recorded head track: t_s, face, left_x, left_y, right_x, right_y.",
 )
 @OUT
 @click.option("--quick", is_flag=True, help="Fewer pictures.")
-@click.option("--check", is_flag=True, help="Exit with 1 if a figure is beyond its bound.")
+@click.option("--check", is_flag=True, help="Exit with 1 if a metric exceeds its bound.")
 def viewer(tracks: tuple[Path, ...], out: Path, quick: bool, check: bool) -> int:
     """Measure what each eye sees against what it should see, in a simulator with ground truth.
 
-    Scripted viewers sit, sway, leave and come back in front of a simulated camera and screen;
-    scenes are drawn exactly from any viewpoint. Time is simulated: every run gives the same errors.
+    Scripted viewers sit, sway, leave and return in front of a simulated camera and screen. Scenes
+    are drawn exactly from any viewpoint. Time is simulated: every run yields the same errors.
     """
     from lfpipe.bench.inputs import Inputs
     from lfpipe.bench.runner import measure
@@ -110,9 +110,7 @@ def viewer(tracks: tuple[Path, ...], out: Path, quick: bool, check: bool) -> int
     return 1 if check and (lines or results["viewer"].failures) else 0
 
 
-@bench.command(
-    short_help="Measure every method on views left out, by the protocol of published papers."
-)
+@bench.command(short_help="Measure every method on held-out views, by the published protocol.")
 @click.argument("scenes", nargs=-1, required=True, type=PATH, metavar="FOLDER...")
 @click.option(
     "--keep",
@@ -145,7 +143,7 @@ def table(
     """Measure every method by the protocol of angular super-resolution, 2x2 -> 7x7 views.
 
     FOLDER is a light field of any layout. The table shows PSNR, SSIM, and the time per picture. The
-    exit code is 1 if a scene was left out.
+    exit code is 1 if a scene was skipped.
     """
     from lfpipe.bench.results import write
     from lfpipe.bench.runner import opened
@@ -164,7 +162,7 @@ def table(
     if results.rows:
         print_result(results.tables[0].markdown())
     for reason in results.left_out:
-        print_result(f"left out: {reason}")
+        print_result(f"skipped: {reason}")
     _report({TABLE.name: results}, out)
     return 1 if results.left_out or results.failures else 0
 

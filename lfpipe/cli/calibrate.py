@@ -1,4 +1,4 @@
-"""`lfpipe calibrate`: measures the camera's focal length, on which true depth depends."""
+"""`lfpipe calibrate`: measures the focal length of the camera, which true depth needs."""
 
 import math
 from collections.abc import Mapping
@@ -34,15 +34,15 @@ USUAL_DEG = (30, 130)  # fields of view of webcams, narrow to wide
     type=click.Choice(["eyes", "card"]),
     default="eyes",
     show_default=True,
-    help="By your eyes or a bank card.",
+    help="Measure your eyes, or a bank card.",
 )
 @with_config
 def calibrate(camera: str | None, distance_mm: float, by: str, config: Config) -> None:
-    """Measure the camera's focal length, stored under its name.
+    """Measure the focal length of the camera and store it under the camera's name.
 
-    Sit so that a tape measure reads MM from the camera to your eyes (or hold a bank card there,
-    flat to the camera) and follow the window. Without a screen, the eyes are measured as soon as
-    they are detected.
+    Sit with your eyes MM from the camera (or hold a bank card there, parallel to the camera) and
+    follow the instructions in the window. Without a screen, the measurement starts when eyes are
+    detected.
     """
     name = camera_name(camera or config.camera.source)
     size_px = (

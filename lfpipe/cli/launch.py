@@ -71,7 +71,7 @@ def first_alone(first: Callable[[], int], _another: Callable[[], int]) -> int:
 
 @attrs.frozen(kw_only=True)
 class UpArguments:
-    """The arguments of `lfpipe up`, and what commands of other packages add."""
+    """The arguments of `lfpipe up`, and those that other packages add."""
 
     scenes: tuple[Path, ...] = ()
     camera: str | None = None
@@ -85,9 +85,9 @@ class UpArguments:
     config_file: str | None = None
     force: bool = False
     start: bool = False
-    """Whether to begin with the scenes' thumbnails."""
+    """Whether to begin with thumbnails of the scenes."""
     extras: Mapping[str, tuple[str, ...]] = attrs.field(factory=dict)
-    """What stages of other packages work on, by the name of the stage. They need eyes."""
+    """Options of stages of other packages, by stage. These stages need eyes."""
     lock_code: str = ""
     """The code that closes a locked window; "" if it is not locked."""
     wait_for_camera: bool = False
@@ -98,12 +98,12 @@ class UpArguments:
 
 @attrs.frozen(kw_only=True)
 class Request:
-    """What is asked for, as far as the arguments and settings say."""
+    """The request of the arguments and settings."""
 
     config: Config
     display: Target
     source: str
-    """Of frames; "" for the first camera."""
+    """The source of frames; "" for the first camera."""
     duration_s: float | None
     still: Path | None = None
     """The last picture of the demo, which records itself where there is no screen."""
@@ -122,7 +122,7 @@ class SessionPlan:
     options: SessionOptions
     duration_s: float | None
     lines: tuple[str, ...]
-    """The settings in force, for people."""
+    """The settings, for the user."""
     files: tuple[Path, ...] = ()
     """Its outputs, listed at its end."""
     hold: object = None
@@ -204,7 +204,7 @@ def exit_code(outcome: Outcome) -> int:
 
 
 def prepare(arguments: UpArguments) -> SessionPlan:
-    """A session that can start: its scene packed, its source checked. Prints the settings in force.
+    """A session that can start: its scene packed, its source checked. Prints its settings.
 
     Raises UserError.
     """
@@ -217,7 +217,7 @@ def prepare(arguments: UpArguments) -> SessionPlan:
 
 
 def parse(arguments: UpArguments, has_screen: bool) -> Request:
-    """Raises UserError for what is wrong whatever the machine is."""
+    """Raises UserError for errors that do not depend on the machine."""
     if arguments.no_picture:
         given = {
             "SCENE": arguments.scenes,
@@ -265,7 +265,7 @@ def _demo_video_name() -> str:
 
 
 def check(arguments: UpArguments, request: Request) -> None:
-    """Looks at the outputs and the display, and changes nothing. Raises UserError."""
+    """Checks outputs and display without changing anything. Raises UserError."""
     inputs = (*arguments.scenes, source_file(request.source))
     own_folder = request.still is not None and not exists(DEMO_FOLDER)  # made later
     video = None if own_folder else request.video
@@ -386,8 +386,8 @@ def _watched(
 
 
 def _is_first_start(arguments: UpArguments, display: Target) -> bool:
-    """Whether a person opens a window for the first time: no glasses were chosen yet, and nothing
-    is given as scripts do.
+    """Whether the user opens a window for the first time: no glasses are chosen, and no argument
+    suggests a script.
     """
     scripted = (
         arguments.sets

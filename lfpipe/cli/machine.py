@@ -27,8 +27,8 @@ from lfpipe.track.models import SHA256, fetch_models, find_model, install_models
 def cameras(as_json: bool) -> None:
     """List cameras with pixel formats, frame sizes, rates and controls, without starting them.
 
-    Each size is shown with its highest rate; --json has every rate. Give --camera the path or the
-    name: camera:/dev/video0, camera:NAME.
+    Each size is listed with its highest rate; --json lists all rates. Pass the path or the name to
+    --camera: camera:/dev/video0, camera:NAME.
     """
     listed: list[dict[str, Any]] = []
     for device in camera_list.cameras():
@@ -62,9 +62,7 @@ def cameras(as_json: bool) -> None:
 
 
 def _formats(device: V4L2Device, every_rate: bool) -> list[str]:
-    """One line per group of pixel formats with the same sizes, each size with all its rates or with
-    the highest.
-    """
+    """One line per group of pixel formats with equal sizes, with all rates or the highest."""
     groups: dict[str, list[str]] = {}
     for fourcc in device.fourccs():
         sizes = []
@@ -84,16 +82,13 @@ def _formats(device: V4L2Device, every_rate: bool) -> list[str]:
     "--report",
     type=PATH,
     metavar="FILE",
-    help=(
-        "Also pack versions, settings, and the log and state of sessions into a ZIP, for a bug"
-        " report."
-    ),
+    help=("Also write a ZIP for a bug report: versions, settings, logs and state of sessions."),
 )
 def doctor(report: Path | None) -> int:
     """Check this machine: one line per check, with remedies.
 
-    Exit code 1 if a session would fail. Without a screen, it is 0: sessions then show to a file or
-    to nothing.
+    The exit code is 1 if a session would fail. A missing screen is no failure: sessions can write
+    to a file.
     """
     results = checks()
     if report is not None:
@@ -117,13 +112,13 @@ def models() -> None:
     "wheel",
     type=PATH,
     metavar="WHEEL",
-    help="Take them from this file, without a network.",
+    help="Use this file instead of the network.",
 )
 def get(wheel: Path | None) -> None:
-    """Fetch the face networks with uv or pip if the package mediapipe is not installed.
+    """Download the face networks with uv or pip if the package mediapipe is not installed.
 
-    Their checksums are verified, and they are kept in your data folder. The first `lfpipe up` does
-    the same.
+    They are verified by checksum and stored in your data folder. The first `lfpipe up` does this,
+    too.
     """
     if wheel is not None:
         install_models(wheel)
@@ -141,7 +136,7 @@ def config() -> None:
 @config.command()
 @click.argument("path", required=False, type=PATH)
 def init(path: Path | None) -> None:
-    """Write every key with its default, unit and meaning to PATH, or to your own settings."""
+    """Write every key with its default, unit and meaning to PATH, or to your settings."""
     path = path or user_file()
     if os.path.lexists(path):
         raise UserError(f"{path} exists", "remove it first, or name another PATH")
@@ -152,13 +147,13 @@ def init(path: Path | None) -> None:
 @config.command()
 @with_config
 def show(config: Config) -> None:
-    """Print the configuration as `lfpipe up` would use it."""
+    """Print the configuration that `lfpipe up` would use."""
     print_result(commented(config).rstrip("\n"))
 
 
 @config.command()
 @click.argument("path", required=False)
 def check(path: str | None) -> None:
-    """Check PATH, or your own settings, and report every wrong key."""
+    """Check PATH, or your settings, and report every wrong key."""
     cache_dir(load(path).scene)
     print_result(f"{path or user_file()}: ok")

@@ -1,4 +1,4 @@
-"""Options that several commands share, and `lfpipe completion`, by which a shell completes them."""
+"""Options that several commands share, and `lfpipe completion`."""
 
 import functools
 import math
@@ -19,7 +19,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 def complete_settings(
     _context: click.Context, _parameter: click.Parameter, incomplete: str
 ) -> list[CompletionItem]:
-    """KEY=VALUE: the keys, then the words that a key accepts."""
+    """KEY=VALUE: the keys, then the values that a key accepts."""
     key, sign, _ = incomplete.partition("=")
     if sign and key in options():
         words = ("true", "false") if bool in options()[key].types else choices(key)
@@ -77,7 +77,7 @@ SESSION = click.option(
     metavar="NAME",
     callback=lambda _context, _parameter, name: name or default_name(),
     shell_complete=complete_sessions,
-    help="Name of the session; LFPIPE_SESSION or 'default'.",
+    help="Session name; default: LFPIPE_SESSION, else 'default'.",
 )
 
 
@@ -89,13 +89,13 @@ def with_settings(command: F) -> F:
         multiple=True,
         metavar="KEY=VALUE",
         shell_complete=complete_settings,
-        help="Change one key of the configuration; repeatable.",
+        help="Set one configuration key; repeatable.",
     )(command)
     return click.option(
         "--config",
         "config_file",
         metavar="FILE",
-        help="A TOML file, or the name of a preset: paper.",
+        help="A TOML file, or the preset paper.",
     )(command)
 
 
@@ -111,13 +111,13 @@ def with_config(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def with_scene(command: Callable[..., Any]) -> Callable[..., Any]:
-    """How to open a scene: --layout, --grid, --flip, --force, --config, --set, as config."""
+    """--layout, --grid, --flip, --force, --config and --set, as config: how to open a scene."""
 
-    @click.option("--layout", metavar="NAME", help="Layout on disk; detected by default.")
+    @click.option("--layout", metavar="NAME", help="Layout on disk; default: detect it.")
     @click.option(
         "--grid",
         metavar="ROWSxCOLS",
-        help="Grid of views in file order, if the files do not define it.",
+        help="Grid of views in file order; default: detect it.",
     )
     @click.option(
         "--flip",
@@ -128,7 +128,7 @@ def with_scene(command: Callable[..., Any]) -> Callable[..., Any]:
         "--force",
         is_flag=True,
         default=None,
-        help="Open pictures even if they do not look like one light field.",
+        help="Accept pictures that do not look like one light field.",
     )
     @with_config
     @functools.wraps(command)

@@ -1,6 +1,6 @@
 """Commands and options that other packages add, by entry points of the group `lfpipe.commands`.
 
-The name of an entry point says where: `sweep` is a command, `scene.export` a command of the group
+The name of an entry point is its place: `sweep` is a command, `scene.export` a command of the group
 `scene`, `up.--share` an option of the command `up`. Its object is imported to list commands, so its
 module must be light; what it names is imported when it is used.
 """

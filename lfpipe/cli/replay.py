@@ -37,13 +37,13 @@ Cases = list[tuple[str, list[str]]]
 
 @click.command()
 @click.argument("path", type=PATH, metavar="SEQ")
-@click.option("--scene", type=PATH, metavar="S", help="The light field.  [default: the demo's]")
+@click.option("--scene", type=PATH, metavar="S", help="Light field.  [default: the demo]")
 @click.option(
     "--pace",
     default="step",
     show_default=True,
     metavar="step|max|recorded|HZ",
-    help="When frames are played.",
+    help="Pace of the frames.",
 )
 @click.option(
     "--out", type=PATH, metavar="DIR", help="Folder for report.json, trace.jsonl and pictures."
@@ -55,12 +55,12 @@ Cases = list[tuple[str, list[str]]]
     help="Compare with this folder, written by --out or --update.",
 )
 @click.option(
-    "--update", is_flag=True, help="Write the reference of --expect instead of comparing with it."
+    "--update", is_flag=True, help="Write the reference of --expect instead of comparing."
 )
 @click.option("--junit", type=PATH, metavar="FILE", help="Write the outcome as JUnit XML.")
 @with_settings
 def replay(path: Path, junit: Path | None, **options: Any) -> int:
-    """Run SEQ through the pipeline; exit code 0: as expected, 1: it differs, 2: bad input."""
+    """Run SEQ through the pipeline. Exit code 0: equal, 1: different, 2: invalid input."""
     began = time.monotonic()
     _check_junit(junit, [path, options["scene"], options["expect"]], options["out"])
 
@@ -138,13 +138,13 @@ def _replayed(
         return []
     _print_comparison(compared, against)
     if compared.differences and out is None:
-        say("--out DIR keeps the pictures that show a difference")
+        say("use --out DIR to keep the pictures that differ")
     sys.stdout.flush()  # detects a closed pipe here, while it still counts as a failure
     return cases_of(compared.differences)
 
 
 def _require_reference(expect: Path) -> None:
-    """Raises UserError if there is none that can be read."""
+    """Raises UserError if the reference is missing."""
     if not is_dir(expect):
         run.recover_reference(expect)
     if not is_dir(expect):

@@ -74,7 +74,7 @@ def scene() -> None:
 @with_scene
 @JSON
 def pack(path: Path, as_json: bool, config: Config) -> None:
-    """Pack SCENE into the cache, as `lfpipe up` does by itself."""
+    """Pack SCENE into the cache, as `lfpipe up` does automatically."""
     field = opened(path, config)
     if as_json:
         needs_tracking = make_plan(field, config).needs_tracking
@@ -117,8 +117,8 @@ def list_packs(as_json: bool, config: Config) -> None:
 @click.option("--all", "everything", is_flag=True, help="Remove every pack.")
 @with_config
 def clean(keys: tuple[str, ...], everything: bool, config: Config) -> None:
-    """Remove packs by key or name. Without KEY, remove only what killed runs and other versions
-    left. Packs that a session shows are kept.
+    """Remove packs by key or name; without KEY, remains of killed runs and other versions. Packs
+    that a session shows are kept.
     """
     cached = packs(config.scene)
     if unknown := sorted(set(keys).difference(*(pack.names for pack in cached))):
@@ -140,7 +140,7 @@ def clean(keys: tuple[str, ...], everything: bool, config: Config) -> None:
 @with_scene
 @JSON
 def plan(path: Path, as_json: bool, config: Config) -> None:
-    """Show which work SCENE does not need, why, and what leaving it out saves.
+    """Show which work SCENE does not need, why, and what skipping it saves.
 
     A video that is not packed yet is examined only: then the method is that of most scenes.
     """
@@ -173,7 +173,10 @@ def plan(path: Path, as_json: bool, config: Config) -> None:
 @with_scene
 @JSON
 @click.option(
-    "-v", "--verbose", is_flag=True, help="Also log the readings of SCENE that were compared."
+    "-v",
+    "--verbose",
+    is_flag=True,
+    help="Also log the interpretations of SCENE that were compared.",
 )
 def info(path: Path, as_json: bool, verbose: bool, config: Config) -> None:
     """Show SCENE's layout, grid, order of views, disparity and geometry."""
@@ -193,13 +196,13 @@ def info(path: Path, as_json: bool, verbose: bool, config: Config) -> None:
 @click.argument("folder", metavar="FOLDER", type=PATH)
 @with_scene
 def describe(folder: Path, config: Config) -> None:
-    """State how the views in FOLDER are arranged, in its file `lightfield.toml`.
+    """Write lightfield.toml to FOLDER, which describes the order of its views.
 
-    The file comes before any detection. It holds --layout, --grid, --flip and every
-    --set scene.KEY=VALUE that you give, for example --set scene.invert_depth=yes.
+    It contains --layout, --grid, --flip and each --set scene.KEY=VALUE, for example
+    --set scene.invert_depth=yes. The file takes precedence over detection.
     """
     if not is_dir(folder):
-        raise UserError(f"{folder}: no folder", "give the folder of the views")
+        raise UserError(f"{folder}: no folder", "specify the folder of the views")
     manifest = ask_manifest(folder, config.scene)
     print_result(describe_folder(folder, config.scene))
     for line in lines(manifest, ""):
@@ -229,7 +232,7 @@ def describe(folder: Path, config: Config) -> None:
 def view(
     path: Path, row: float, col: float, frame: int, method: str, out: Path, config: Config
 ) -> None:
-    """Write the picture that a camera at ROW, COL of the grid would see."""
+    """Write the picture of a camera at ROW, COL of the grid."""
     check_picture(out, path)
     field = opened(path, config)
     for name, value, count in (("row", row, field.rows), ("col", col, field.cols)):

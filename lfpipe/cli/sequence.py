@@ -1,6 +1,4 @@
-"""`lfpipe record` and `lfpipe sequence`: records a camera; inspects, cuts, imports and exports what
-was recorded.
-"""
+"""`lfpipe record` and `lfpipe sequence`: records a camera; inspects and converts sequences."""
 
 import contextlib
 import json
@@ -53,7 +51,7 @@ SEQUENCES = click.argument("paths", type=PATH, metavar="SEQ...", nargs=-1, requi
 def record(out: Path, camera: str | None, duration_s: float | None, config: Config) -> int:
     """Record a camera to the new folder OUT, for `lfpipe replay`.
 
-    Ctrl-C ends it. See also `lfpipe ctl record`.
+    Stop with Ctrl-C. See also `lfpipe ctl record`.
     """
     viewer = check_source(camera or config.camera.source, camera_settings(config))
     config = with_measured_focal(config, camera_name(viewer.source))
@@ -96,7 +94,7 @@ def _for_all(paths: tuple[Path, ...], look: Callable[[Path], None]) -> int:
 @SEQUENCES
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per line.")
 def info(paths: tuple[Path, ...], as_json: bool) -> int:
-    """Show what each SEQ holds."""
+    """Show the contents of each SEQ."""
     return _for_all(paths, lambda path: _info(path, as_json))
 
 
@@ -131,7 +129,7 @@ def _info(path: Path, as_json: bool) -> None:
 @sequence.command()
 @SEQUENCES
 def check(paths: tuple[Path, ...]) -> int:
-    """Read all of each SEQ and check every checksum, frame, stamp and line stored with them."""
+    """Read each SEQ completely and verify checksums, frames, stamps and lines."""
     return _for_all(paths, _check)
 
 
@@ -187,7 +185,7 @@ def cut(path: Path, out: Path, begin_s: float, end_s: float | None) -> None:
     help="True eye positions, as tools/make_sequence.py writes them.",
 )
 def import_(video: Path, out: Path, truth: Path | None) -> None:
-    """Make the sequence OUT from VIDEO. Motion JPEG frames are copied unchanged."""
+    """Create the sequence OUT from VIDEO. Motion JPEG frames are copied unchanged."""
     if truth is not None:
         table_of(truth)
     with contextlib.closing(open_recording(video)) as frames:

@@ -25,13 +25,13 @@ Send = Callable[..., None]  # of one message, and perhaps timeout_s
 
 @click.command()
 @SESSION
-@click.option("--once", is_flag=True, help="Print the state once and end.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object per line.")
+@click.option("--once", is_flag=True, help="Print the state once and exit.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object per line.")
 def monitor(session_name: str, once: bool, as_json: bool) -> None:
     """Show latency, rate, drops and load of every stage of a running session.
 
-    On a terminal, the screen updates four times a second; elsewhere the state is printed once.
-    If the session ends, the monitor waits for it to start again.
+    On a terminal, the screen updates four times a second; otherwise the state is printed once.
+    If the session ends, the monitor waits for it to restart.
     Keys: q quit, p pause, r reset, t record a timeline, w toggle warp, m mode, c recentre.
     """
     run(session_name, once, as_json)
@@ -58,7 +58,7 @@ class Leading(ExtensibleGroup):
 @click.option("--json", "as_json", is_flag=True, help="Print answers as JSON.")
 @click.pass_context
 def ctl(context: click.Context, session_name: str, as_json: bool) -> None:
-    """Query and control a running session. A change shows in the next picture.
+    """Query and control a running session. The next picture shows a change.
 
     For a session on another machine: ssh HOST lfpipe ctl ...
     """
@@ -98,7 +98,7 @@ def _absolute(scene: Path) -> str:
 )
 @click.pass_obj
 def set_keys(send: Send, sets: tuple[str, ...]) -> None:
-    """Change keys of the configuration: all of them, or none if one is refused."""
+    """Change configuration keys: all of them, or none if one is refused."""
     send({"cmd": "set", "set": dict(parse_set(text) for text in sets)})
 
 
@@ -108,18 +108,18 @@ def set_keys(send: Send, sets: tuple[str, ...]) -> None:
 @click.option(
     "--previous", "step", flag_value=-1, type=int, help="The previous scene of the playlist."
 )
-@click.option("--layout", help="Its layout on disk, if it is not detected.")
-@click.option("--grid", metavar="ROWSxCOLS", help="Its grid, if the files do not define it.")
+@click.option("--layout", help="Layout on disk; default: detect it.")
+@click.option("--grid", metavar="ROWSxCOLS", help="Grid of views; default: detect it.")
 @click.pass_obj
 def load(
     send: Send, scene: Path | None, step: int | None, layout: str | None, grid: str | None
 ) -> None:
     """Show another light field.
 
-    It is packed first if necessary; the old one stays visible meanwhile.
+    If necessary, it is packed first; the current one stays visible meanwhile.
     """
     if (scene is None) == (step is None):
-        raise click.UsageError("give one of SCENE, --next and --previous")
+        raise click.UsageError("specify one of SCENE, --next and --previous")
     how = {"step": step, "scene": scene and _absolute(scene), "layout": layout, "grid": grid}
     send({"cmd": "load", **{key: value for key, value in how.items() if value is not None}}, LOAD_S)
 
@@ -131,8 +131,8 @@ def _plain(word: str, text: str) -> None:
         send({"cmd": word})
 
 
-_plain("status", "State and latency of every stage.")
-_plain("pause", "Freeze the picture; frames are discarded.")
+_plain("status", "Print state and latency of every stage.")
+_plain("pause", "Freeze the picture and discard frames.")
 _plain("resume", "Continue after pause.")
 _plain("recentre", "Make the viewer's position the centre of the grid.")
 _plain("stop", "End the session.")
@@ -147,7 +147,7 @@ def record() -> None:
 @click.argument("out", type=PATH)
 @click.pass_obj
 def start(send: Send, out: Path) -> None:
-    """Record to the new folder OUT, until `stop` or the end of the session."""
+    """Record to the new folder OUT until `stop` or the end of the session."""
     send({"cmd": "record", "path": str(out.resolve())}, FILE_CHECK_TIMEOUT_S)
 
 
@@ -167,20 +167,20 @@ def trace() -> None:
 @click.argument("out", metavar="[OUT.jsonl]", required=False, type=PATH)
 @SESSION
 def start_trace(out: Path | None, session_name: str) -> None:
-    """Start a trace, with the lines of `lfpipe up --trace`.
+    """Start a trace, as `lfpipe up --trace` does.
 
-    The default for OUT.jsonl is a name made of the time, in this folder.
+    OUT.jsonl defaults to a name with the current time, in this folder.
     """
     path = begin_trace(partial(ask, session_name), out)
-    print_result(f"tracing to {path}; `lfpipe trace stop` ends it")
+    print_result(f"tracing to {path}; end it with `lfpipe trace stop`")
 
 
 @trace.command("stop")
 @SESSION
 def stop_trace(session_name: str) -> None:
-    """End the trace that `start` began."""
+    """End the trace."""
     path = finish_trace(partial(ask, session_name))
-    print_result(f"{path}: `lfpipe trace timeline {path}` makes a timeline of it")
+    print_result(f"{path}: convert it to a timeline with `lfpipe trace timeline {path}`")
 
 
 @trace.command("timeline")
@@ -189,7 +189,7 @@ def stop_trace(session_name: str) -> None:
 def write_timeline(source: Path, out: Path | None) -> None:
     """Convert a trace to Chrome trace-event JSON, which Perfetto opens.
 
-    The default for OUT.json is the name of the trace.
+    OUT.json defaults to the name of the trace.
     """
     out = out or source.with_suffix(".json")
     convert(source, out)

@@ -1,5 +1,5 @@
-"""Everything that commands print: results on stdout, words for people on stderr, neither with
-control characters; progress as a bar, or, in a log, as one line for each slow task.
+"""Output of commands: results on stdout, messages on stderr, neither with control characters;
+progress as a bar, or in a log as one line per slow task.
 """
 
 import math
@@ -32,12 +32,12 @@ def print_result(result: str | Path) -> None:
 
 
 def say(text: str) -> None:
-    """Prints lines for people on stderr, `escaped`: stdout is for results."""
+    """Prints messages on stderr, `escaped`: stdout is for results."""
     click.echo(escaped(text), err=True)
 
 
 def print_error(error: UserError) -> None:
-    """Prints what ended a command, for people, and for the program that started it."""
+    """Prints the error that ended a command, and passes it to the parent program."""
     say(f"error: {error}")
     if path := os.environ.get(ERROR_FILE):
         write_file(Path(path), error.to_json())

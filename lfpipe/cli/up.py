@@ -26,7 +26,7 @@ Examples:
 @click.option(
     "--display",
     metavar="WHERE",
-    help="window, fullscreen, none, or file:OUT with .mp4, .avi or .mkv (lossless)."
+    help="window, fullscreen, none, or file:OUT as .mp4, .avi or .mkv (lossless)."
     "  [default: window]",
 )
 @DURATION
@@ -34,18 +34,18 @@ Examples:
 @click.option(
     "--demo",
     is_flag=True,
-    help="A built-in scene and face: needs no camera, light field or screen.",
+    help="Use a built-in scene and face.",
 )
 @click.option("--force", is_flag=True, help="Replace output files that lfpipe did not write.")
-@click.option("--no-picture", is_flag=True, help="Track the eyes only: no SCENE, no window.")
+@click.option("--no-picture", is_flag=True, help="Track the eyes only, without SCENE and window.")
 @SESSION
 @with_settings
 def up(**options: Any) -> int:
     """Show SCENE, a folder or file with a light field, from the position of the viewer's eyes.
 
-    Several scenes, or a folder of scenes, form a playlist. Switch with Tab, Page Up and Page Down.
-    In the window, h shows the keys. While a window is open, `lfpipe up SCENE` shows SCENE there;
-    --session NAME opens another one.
+    Several scenes, or a folder of scenes, form a playlist: switch with Tab, Page Up and Page Down.
+    Press h in the window to list the keys. While a window is open, `lfpipe up SCENE` shows SCENE
+    there; --session NAME opens another window.
     """
     from lfpipe.cli.launch import UpArguments, launch
 

@@ -1,7 +1,7 @@
 """The camera's position, to convert eyes in its picture to points in front of the screen.
 
 The screen's axes begin in the middle of the picture on it: x along it as in the camera's picture, y
-down, z towards the viewer. The camera stands at (0, -above, 0) and looks down by tilt. Eyes e mm
+down, z towards the viewer. The camera is at (0, -above, 0) and tilted down. Eyes e mm
 apart that are p px apart in its picture are f e / p mm away along its axis (f its focal length in
 px). `from_screen` converts them to the picture that the same camera would take from the middle of
 the screen, looking straight ahead. In that picture, a viewer who leans towards the middle of the

@@ -1,4 +1,4 @@
-"""Every key with its type, default and meaning."""
+"""Every configuration key with its type, default and meaning."""
 
 import functools
 import math
@@ -39,25 +39,24 @@ FILTER_MODULES = {
 
 @attrs.frozen
 class Key:
-    """Meaning and limits of a value."""
+    """Meaning and limits of a key."""
 
     default: Any
     doc: str
-    """In one line."""
+    """The meaning, in one line."""
     unit: str
     low: float
-    """Of a number, inclusive; without limits every number is valid."""
+    """Inclusive minimum of a number; -inf for none."""
     high: float
-    """Likewise."""
+    """Inclusive maximum of a number; inf for none."""
     live: bool
-    """`lfpipe ctl set` may change it, so the stage that uses the key must reread `context.config`.
-    """
+    """Whether `lfpipe ctl set` may change it; its stage then rereads `context.config`."""
     replays: bool
-    """Whether it can change what a replay computes."""
+    """Whether it can change the results of a replay."""
     types: tuple[type, ...] = ()
-    """Of int, float, str and bool, those that it may have."""
+    """Its types, of int, float, str and bool."""
     words: tuple[str | int, ...] = ()
-    """Values besides."""
+    """Words and numbers that it accepts in addition."""
 
 
 def key(
@@ -73,7 +72,7 @@ def key(
 ) -> Any:
     """A key as a field of its section.
 
-    words: the only values of a text; by default those of its type.
+    words: the values of a text; default: those of its type.
     """
     made = Key(default, doc, unit, low, high, live, replays, words=words)
     return attrs.field(default=default, metadata={"key": made})
@@ -86,7 +85,7 @@ class Camera:
         replays=False,
         doc=(
             "camera:N, camera:/dev/videoN, camera:NAME, file:PATH[?loop=0|1&pace=recorded|max|HZ]"
-            " or demo; empty: the first camera found"
+            " or demo; empty: the first camera"
         ),
     )
     width_px: int = key(
@@ -95,68 +94,64 @@ class Camera:
         16,
         7680,
         doc=(
-            "frame width requested from the camera; frames of another size are scaled, of another"
-            " aspect ratio get black bars"
+            "requested frame width; frames of another size are scaled, with black bars if the"
+            " aspect ratio differs"
         ),
     )
-    height_px: int = key(480, "px", 16, 4320, doc="frame height requested from the camera")
+    height_px: int = key(480, "px", 16, 4320, doc="requested frame height")
     rate_hz: float | Literal["auto"] = key(
         "auto",
         "Hz",
         0.1,
         1000,
         doc=(
-            "frame rate requested from the camera, and used for a file without a rate of its own;"
-            " auto: 30, and of a camera 60 if it offers that in the same format, on more than two"
-            " cores with track.engine litert"
+            "requested frame rate, and the rate of files without one; auto: 30, or 60 if the camera"
+            " supports it in the same format, on more than two cores with track.engine litert"
         ),
     )
     format: PixelFormat = key(
         "auto",
         replays=False,
         doc=(
-            "pixel format requested from the camera; auto: the one that reaches the size, then the"
-            " rate, then the cheapest to decode"
+            "requested pixel format; auto: the format that reaches the size, then the rate, then"
+            " the cheapest to decode"
         ),
     )
     exposure: float | Literal["auto"] = key(
-        "auto", "ms", 0.01, 1000, doc="exposure time; auto: by the camera"
+        "auto", "ms", 0.01, 1000, doc="exposure time; auto: set by the camera"
     )
     gain: float | Literal["auto"] = key(
-        "auto", "", 0, 65535, doc="gain in the camera's own units; auto: by the camera"
+        "auto", "", 0, 65535, doc="gain in units of the camera; auto: set by the camera"
     )
     power_line_hz: Literal["auto", 0, 50, 60] = key(
         "auto",
         "Hz",
         doc=(
-            "mains frequency whose flicker the exposure avoids, 0 for none; auto: as the camera is"
-            " set"
+            "mains frequency whose flicker the exposure avoids, 0: none; auto: the camera's setting"
         ),
     )
     dynamic_framerate: Literal["off", "on", "auto"] = key(
         "off",
-        doc="let a camera lower its rate in dim light; auto: as the camera is set",
+        doc="lower the rate in dim light; auto: the camera's setting",
     )
-    rotate: Literal[0, 90, 180, 270] = key(0, "deg", doc="turn the camera's picture clockwise")
-    mirror: bool = key(False, doc="mirror the camera's picture, after the turn")
+    rotate: Literal[0, 90, 180, 270] = key(0, "deg", doc="clockwise rotation of the camera picture")
+    mirror: bool = key(False, doc="mirror the camera picture, after rotation")
     above_mm: float = key(
         0.0,
         "mm",
         -2000,
         2000,
         live=True,
-        doc="height of the camera above the middle of the picture on the screen",
+        doc="height of the camera above the middle of the picture",
     )
-    tilt_deg: float = key(
-        0.0, "deg", -60, 60, live=True, doc="angle by which the camera looks down"
-    )
+    tilt_deg: float = key(0.0, "deg", -60, 60, live=True, doc="downward tilt of the camera")
     focal_px: float | Literal["auto"] = key(
         "auto",
         "px",
         1,
         100000,
         live=True,
-        doc="focal length at width_px; auto: measured by `lfpipe calibrate`, else from fov_deg",
+        doc="focal length at width_px; auto: as measured by `lfpipe calibrate`, else from fov_deg",
     )
     fov_deg: float = key(
         56.0,
@@ -164,23 +159,23 @@ class Camera:
         5,
         175,
         live=True,
-        doc="horizontal field of view, used if focal_px is auto and was not measured",
+        doc="horizontal field of view, used if focal_px is auto and not measured",
     )
 
     @property
     def frame_px(self) -> tuple[int, int]:
-        """(width, height) of a frame after the turn."""
+        """(width, height) of a frame after rotation."""
         upright = self.rotate % 180 == 0
         return (self.width_px, self.height_px) if upright else (self.height_px, self.width_px)
 
     @property
     def nominal_hz(self) -> float:
-        """rate_hz of what has no rate of its own."""
+        """rate_hz of a source without a rate."""
         return 30.0 if isinstance(self.rate_hz, str) else self.rate_hz
 
     @property
     def highest_hz(self) -> float:
-        """rate_hz of a camera that offers it."""
+        """rate_hz of a camera that supports it."""
         return 60.0 if isinstance(self.rate_hz, str) else self.rate_hz
 
 
@@ -193,12 +188,10 @@ class Track:
         "predictive",
         live=True,
         words=tuple(FILTER_MODULES),
-        doc="smoothing of the eye positions; mean is the paper's",
+        doc="filter of the eye positions; mean is the paper's",
     )
-    mean_k: int = key(
-        5, "frames", 1, 1000, live=True, doc="frames in the moving average of filter = mean"
-    )
-    refine: bool = key(False, doc="refine the eye centres with the iris network")
+    mean_k: int = key(5, "frames", 1, 1000, live=True, doc="frames averaged by filter = mean")
+    refine: bool = key(False, doc="refine the eye centres by the iris network")
 
 
 @attrs.frozen(kw_only=True)
@@ -207,8 +200,8 @@ class Render:
         "display",
         replays=False,
         doc=(
-            "display: a picture for every refresh, eyes predicted to it; camera: one picture per"
-            " camera frame, as in the paper"
+            "display: one picture per refresh, with predicted eyes; camera: one picture per camera"
+            " frame, as in the paper"
         ),
     )
     rate_hz: float | Literal["auto"] = key(
@@ -218,12 +211,11 @@ class Render:
         1000,
         replays=False,
         doc=(
-            "pictures per second of the display clock; auto: every refresh of the screen, 60"
-            " without a screen"
+            "pictures per second of the display clock; auto: every refresh, or 60 without a screen"
         ),
     )
     method: Method = key(
-        "auto", live=True, doc="how a view between the stored views is made; nearest is the paper's"
+        "auto", live=True, doc="synthesis of views between the stored ones; nearest is the paper's"
     )
     alpha_px: float | Literal["auto"] = key(
         "auto",
@@ -231,10 +223,7 @@ class Render:
         1e-09,
         1e09,
         live=True,
-        doc=(
-            "camera pixels between neighbouring views of the grid; auto: from geometry, comfort and"
-            " render.depth"
-        ),
+        doc=("camera pixels between neighbouring views; auto: from geometry, comfort and depth"),
     )
     depth: float = key(
         0.0,
@@ -243,17 +232,17 @@ class Render:
         1,
         live=True,
         doc=(
-            "depth from comfort (0) to true (1), or to the whole grid where true is unknown; with"
-            " alpha_px auto"
+            "depth with alpha_px auto: 0 comfortable, 1 true, or the whole grid if true depth is"
+            " unknown"
         ),
     )
     anaglyph: Anaglyph = key(
-        "dubois", live=True, doc="how the two eyes' views share one picture; colour is the paper's"
+        "dubois", live=True, doc="how both views share one picture; colour is the paper's"
     )
     light: Literal["linear", "gamma"] = key(
         "linear",
         live=True,
-        doc="where matrices with cross terms are applied: linear light, or code values",
+        doc="domain of matrices with cross terms: linear light or code values",
     )
     ghost_compensation: float = key(
         0.0,
@@ -261,10 +250,7 @@ class Render:
         0,
         100,
         live=True,
-        doc=(
-            "share of the light leaking through the other eye's glass that is subtracted; no effect"
-            " with dubois-amber-blue"
-        ),
+        doc=("share of the crosstalk that is subtracted; no effect with dubois-amber-blue"),
     )
     zero_plane_px: float | Literal["auto"] = key(
         "auto",
@@ -273,12 +259,12 @@ class Render:
         1000,
         live=True,
         doc=(
-            "disparity of points in the plane of the screen; auto: that of the nearest at the"
-            " picture's left and right border"
+            "disparity of points at the screen; auto: that of the nearest points at the left and"
+            " right border"
         ),
     )
     extrapolate_views: float = key(
-        2.0, "views", 0, 16, live=True, doc="how far beyond the grid the viewpoint may go"
+        2.0, "views", 0, 16, live=True, doc="extrapolation beyond the grid"
     )
     keep_depth: bool = key(
         True,
@@ -288,9 +274,7 @@ class Render:
             " each eye, as in the paper"
         ),
     )
-    swap_eyes: bool = key(
-        False, live=True, doc="swap the eyes, for glasses worn or printed the other way round"
-    )
+    swap_eyes: bool = key(False, live=True, doc="swap the eyes, for reversed glasses")
     device_latency_ms: float = key(
         0.0,
         "ms",
@@ -299,14 +283,14 @@ class Render:
         live=True,
         replays=False,
         doc=(
-            "delay of the camera before its stamp plus delay of the display after the present;"
-            " prediction adds it; `lfpipe calibrate --latency` measures it"
+            "delay of the camera before its stamp plus delay of the display after presentation;"
+            " used by prediction and measured by `lfpipe calibrate --latency`"
         ),
     )
     device_latency_measured: str = key(
         "",
         replays=False,
-        doc="date, camera and monitor of the measurement of device_latency_ms; empty: not measured",
+        doc="date, camera and monitor of the measurement of device_latency_ms; empty: none",
     )
 
     @property
@@ -324,8 +308,8 @@ class Screen:
         63,
         replays=False,
         doc=(
-            "monitor for the window and for full screen: its number or part of its name, as `lfpipe"
-            " doctor` lists them; empty: the window's own"
+            "monitor of the window: its number or part of its name, from `lfpipe doctor`; empty:"
+            " the window's own"
         ),
     )
     width_mm: float | Literal["auto"] = key(
@@ -335,8 +319,7 @@ class Screen:
         20000,
         live=True,
         doc=(
-            "width of the picture on the screen; auto: from the monitor's reported size, 530 if"
-            " unknown"
+            "width of the picture on the screen; auto: from the size of the monitor, 530 if unknown"
         ),
     )
     distance_mm: float | Literal["auto"] = key(
@@ -345,25 +328,25 @@ class Screen:
         50,
         50000,
         live=True,
-        doc="viewer to screen; auto: from the distance between the eyes in the camera picture",
+        doc="viewer to screen; auto: from the eye distance in the camera picture",
     )
     eyes_mm: float = key(
-        63.0, "mm", 40, 80, live=True, doc="distance between your eyes; 63 is the mean of adults"
+        63.0, "mm", 40, 80, live=True, doc="your eye distance; 63 is the mean of adults"
     )
 
 
 @attrs.frozen(kw_only=True)
 class Scene:
-    layout: str = key("auto", doc="layout on disk; auto: detect it (`lfpipe scene info` shows it)")
-    grid: str = key("", doc="ROWSxCOLS, if the files do not define it; empty: detect it")
+    layout: str = key("auto", doc="layout on disk; auto: detect it (see `lfpipe scene info`)")
+    grid: str = key("", doc="ROWSxCOLS; empty: detect it")
     flip: Flip = key("auto", doc="reverse the order of the views; auto: detect it")
-    transpose: Decision = key("auto", doc="exchange rows and columns of the grid; auto: detect it")
+    transpose: Decision = key("auto", doc="swap rows and columns of the grid; auto: detect it")
     invert_depth: Decision = key(
         "auto",
         live=True,
         doc=(
-            "exchange near and far: reverse both rows and columns; auto: as chosen for this scene"
-            " before, else as its files say"
+            "reverse rows and columns, which swaps near and far; auto: the last choice for this"
+            " scene, else as its files say"
         ),
     )
     gamma: float | Literal["auto"] = key(
@@ -372,14 +355,12 @@ class Scene:
         0.1,
         10,
         doc=(
-            "screen value = stored value ** (1 / gamma), for pictures in linear light; 1 for none;"
-            " auto: detect it"
+            "screen value = stored value ** (1 / gamma), for linear pictures; 1 for none; auto:"
+            " detect it"
         ),
     )
-    force: bool = key(False, doc="open pictures even if they do not look like one light field")
-    cache_dir: str = key(
-        "", replays=False, doc="folder for packed scenes; empty: the user's cache directory"
-    )
+    force: bool = key(False, doc="accept pictures that do not look like one light field")
+    cache_dir: str = key("", replays=False, doc="folder for packs; empty: your cache directory")
 
 
 @attrs.frozen
@@ -388,15 +369,12 @@ class Governor:
         "auto",
         live=True,
         replays=False,
-        doc=(
-            "auto: lower quality level by level if the machine is too slow, and raise it when CPU"
-            " is free; fixed: never"
-        ),
+        doc=("auto: lower the quality level while the CPU is overloaded; fixed: never"),
     )
     affinity: Literal["auto", "none"] = key(
         "auto",
         replays=False,
-        doc="auto: on two cores, tracking has one of its own; none: the system decides",
+        doc="auto: on two cores, reserve one for tracking; none: leave it to the system",
     )
 
 
@@ -407,16 +385,13 @@ class Replay:
         "ms",
         0,
         1000,
-        doc=(
-            "assumed latency from sensor to light if pictures do not depend on the clock: replay in"
-            " steps, pace=max"
-        ),
+        doc=("assumed latency from sensor to display in a replay in steps or with pace=max"),
     )
 
 
 @attrs.frozen(kw_only=True)
 class Config:
-    """The whole tree. Immutable: a change is a new tree (`updated`)."""
+    """The whole tree. Immutable: `updated` returns a new tree."""
 
     camera: Camera = Camera()
     track: Track = Track()
@@ -453,5 +428,5 @@ def options() -> dict[str, Key]:
 
 
 def choices(name: str) -> tuple[str, ...]:
-    """The words that a key accepts, in order."""
+    """The words that a key accepts, in their order."""
     return tuple(word for word in options()[name].words if isinstance(word, str))

@@ -1,6 +1,6 @@
-"""What the extras add to the command line: the objects of their entry points in pyproject.toml.
+"""Commands and options of the extras: the objects of their entry points in pyproject.toml.
 
-Imports nothing heavy: every `lfpipe` imports it.
+Every `lfpipe` imports this module, so it imports nothing heavy.
 """
 
 from pathlib import Path
@@ -43,13 +43,13 @@ UP_KIOSK = AddedOption(
         click.Option(
             ["--kiosk"],
             is_flag=True,
-            help="Run an exhibition: full screen, all keys ignored; typing its code ends it.",
+            help="Run an exhibition: full screen, keys ignored; typing its code ends it.",
         ),
         click.Option(
             ["--code-file"],
             type=click.Path(path_type=Path),
             metavar="FILE",
-            help="With --kiosk: a file with the code that ends it; or set LFPIPE_KIOSK_CODE.",
+            help="With --kiosk: a file with its code; or set LFPIPE_KIOSK_CODE.",
         ),
     ),
     "lfpipe.extras.exhibition.kiosk:up",
@@ -62,9 +62,8 @@ WEB = AddedOption(
             flag_value="",
             metavar="[[HOST]:PORT]",
             help=(
-                "Serve a page with charts, pictures and controls on 127.0.0.1, or on HOST. It"
-                " prints two addresses: one for control, one for watching only, without the"
-                " camera's picture."
+                "Serve a page with charts, pictures and controls on 127.0.0.1, or on HOST. Prints"
+                " two URLs: one for control, one view-only, without the camera picture."
             ),
         ),
     ),
@@ -75,9 +74,8 @@ LATENCY = AddedOption(
         click.Option(
             ["--latency"],
             is_flag=True,
-            help="Measure the total delay of camera and display, which prediction uses, instead:"
-            " turn the camera to the screen, or show it the screen in a hand mirror. A window"
-            " flickers for 15 s while the camera watches it.",
+            help="Measure the latency of camera and display instead. Point the camera at the"
+            " screen, directly or by a hand mirror: a window flickers for 15 s.",
         ),
     ),
     "lfpipe.extras.latency.command:calibrate",

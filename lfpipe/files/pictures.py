@@ -68,7 +68,7 @@ class Header:
 
     @property
     def stored_shape(self) -> tuple[int, ...]:
-        """Of the array that a decoder gives; a quarter turn exchanges height and width."""
+        """Height and width of the decoded array; a quarter turn swaps them."""
         size = (
             (self.width_px, self.height_px)
             if self.orientation >= 5

@@ -33,7 +33,7 @@ from lfpipe.transport.context import Context
 from lfpipe.transport.packet_ring import PacketInput
 from lfpipe.transport.ring import Stamp
 
-FULL_NS = 5 * MS_NS  # between looks whether a full store has room again
+FULL_NS = 5 * MS_NS  # between checks of a full store
 # buffer of frames to encode: some seconds, so that a slow disk loses no frame
 ROOM_BYTES = 128 << 20
 MIN_FRAMES = 8  # in that buffer, however large they are
@@ -64,9 +64,9 @@ class FrameReader:
                 self.size_px = options.viewer.jpeg_px or (0, 0)
 
     def skip(self) -> None:
-        """What was published until now is neither recorded nor counted as lost.
+        """Skips frames published until now without counting them as lost.
 
-        Nor are frames before the first JPEG.
+        Frames before the first JPEG are skipped as well.
         """
         (self._eyes if self._eyes_only else self._frames).skip()
         self._begun = False
@@ -111,7 +111,7 @@ class Store:
     """Writes frames in a thread of its own, so that a slow disk does not block reading the ring.
 
     Packets are stored unchanged. Pictures are stored as PNG, or raw if more than a quarter of the
-    buffer is in use. failure: why storing ended, in words; "" if it has not.
+    buffer is in use. failure: the reason why storing ended; "" if it has not.
     """
 
     def __init__(self, writer: SequenceWriter, frame_bytes: int) -> None:
@@ -127,7 +127,7 @@ class Store:
 
     @property
     def full(self) -> bool:
-        """Whether the buffer is full. `results` makes room."""
+        """Whether the buffer is full. `results` frees space."""
         return len(self._pending) >= self._room
 
     @property
@@ -204,14 +204,14 @@ class Recorder:
             self._frames.skip()
 
     def wait(self) -> bool:
-        """Waits for frames, or for room to store them. False once the recording must end."""
+        """Waits for frames, or for space to store them. False when the recording must end."""
         context = self._context
         full = self._store.full
         context.wait(now_ns() + FULL_NS if full else None, inputs=not full)
         return not context.stopping and context.options.record == str(self._folder)
 
     def take(self) -> None:
-        """Passes new frames to the store, as far as it has room."""
+        """Passes new frames to the store while it has space."""
         while not self._store.full and (frame := self._frames.take()) is not None:
             t_sensor_ns = frame[0].t_sensor_ns
             if t_sensor_ns > self._last_ns:

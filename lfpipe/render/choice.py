@@ -1,13 +1,13 @@
-"""What a refresh shows: which eyes, which moment, which picture.
+"""Chooses what a refresh shows: the eyes, the display time and the picture.
 
 Nothing here reads a clock or needs a process: the caller gives every time, so that a simulation
 runs the same choices as the render stage. For each refresh:
 
-    source.update(EyesRecord.of(buffer), stamp)      # when a newer record has come
+    source.update(EyesRecord.of(buffer), stamp)      # for a newer record
     moment = Moment.of(target_ns, refresh_ns, device_latency_ns)
     eyes = source.at(t_ns, mouse)                    # t_ns: now, when the picture is begun
     choice = choose(viewer, eyes, moment)
-    if choice.key != key:                            # else the picture on the screen stays
+    if choice.key != key:                            # else the picture on the screen is current
         picture = viewer.compositor.draw(choice.key)
 """
 
@@ -21,7 +21,8 @@ from lfpipe.render.viewer.mouse_look import MouseLook
 from lfpipe.render.viewer.viewer import VIDEO_LEAD, Viewer, Viewpoints
 from lfpipe.transport.ring import Stamp
 
-# A record older than STALE_NS is not stale if it is younger than this many intervals of frames.
+# A record is stale, because the tracker died or hangs, if it is older than STALE_NS and than
+# STALE_FRAMES frame intervals.
 STALE_FRAMES = 3
 
 
@@ -30,15 +31,15 @@ class DisplayTime:
     """When a picture is shown and seen, in monotonic ns."""
 
     target_ns: int
-    """The refresh that the picture is due at; without refreshes, the expected hand-over."""
+    """The refresh that the picture is due at; without refreshes, the expected submission."""
     refresh_ns: int
     """How long it stays on the screen; 0: until the next camera frame."""
     device_latency_ns: int
-    """Delay of camera and display together, which the frames' stamps and target_ns lack."""
+    """Delay of camera and display together, not included in stamps and target_ns."""
     seen_ns: int
     """The time that the picture is made for."""
     on_vblanks: bool
-    """Whether target_ns is a vertical blank that the window system reports."""
+    """Whether target_ns is a vblank that the window system reports."""
 
     @classmethod
     def of(
@@ -48,8 +49,8 @@ class DisplayTime:
         device_latency_ns: int = 0,
         on_vblanks: bool = False,
     ) -> "DisplayTime":
-        """The moment of a picture that is due at target_ns: the middle of its refresh, where the
-        error over its time is least, after the delay.
+        """The display time of a picture that is due at target_ns: the middle of its refresh, which
+        minimizes the error over it, plus the latency.
         """
         return cls(
             target_ns=target_ns,
@@ -76,8 +77,8 @@ class TrackedEyes(NamedTuple):
 
 
 class EyesSource:
-    """Chooses the eyes for a picture: the newest record, the mouse, or nobody where the newest
-    record is stale.
+    """Chooses the eyes for a picture: the newest record, the mouse, or nobody if the newest record
+    is stale.
     """
 
     def __init__(self, lossless: bool = False) -> None:
@@ -118,7 +119,7 @@ class Choice(NamedTuple):
 
 
 def choose(viewer: Viewer, eyes: TrackedEyes | None, display_time: DisplayTime) -> Choice:
-    """The picture for eyes at a moment. Moments must not decrease from call to call."""
+    """The picture for eyes at a display time, which must not decrease from call to call."""
     lead_ns = round(VIDEO_LEAD * display_time.refresh_ns) if display_time.on_vblanks else 0
     record, t_ns = (None, display_time.seen_ns) if eyes is None else (eyes.record, eyes.t_ns)
     viewpoints = viewer.viewpoints(record, t_ns, display_time.seen_ns, lead_ns)

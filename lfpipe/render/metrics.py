@@ -8,7 +8,7 @@ METRICS = MetricSet(
     Metric("face", Kind.FLAG, "the newest picture was made for a face"),
     Metric("t_face_ns", Kind.STAMP, "last picture for a face, or the start of the stage"),
     Metric("viewer", Kind.STATE, "the viewer's presence", VIEWER_STATES),
-    Metric("planned", Kind.COUNT, "refreshes of a screen that reports its vertical blanks"),
+    Metric("planned", Kind.COUNT, "refreshes of a screen that reports its vblanks"),
     Metric("juddered", Kind.COUNT, "of these, those with another picture than planned"),
     Metric("onset_ns", Kind.DURATION, "latency at the onset of a motion"),
     Metric("steady_ns", Kind.DURATION, "how far pictures lag behind a moving head"),

@@ -1,4 +1,4 @@
-"""The work that rendering a scene under a configuration needs, and the work it leaves out.
+"""The work that rendering a scene under a configuration needs, and the work it skips.
 
 Only a report: stages do not read it. Each entry comes from the function that the stage itself uses
 to decide.
@@ -24,7 +24,7 @@ from lfpipe.scene.lightfield import LightField
 
 @attrs.frozen
 class LeftOut:
-    """Work not done, or data not read or stored."""
+    """Work that is skipped, or data that is not read or stored."""
 
     what: str
     why: str
@@ -35,10 +35,10 @@ class LeftOut:
 class Plan:
     """What rendering a scene needs."""
 
-    needs_tracking: bool  # the picture depends on the eyes; else capture and track do not run
-    needs_rows: bool  # it depends on the eyes' height
+    needs_tracking: bool  # the picture depends on the eyes; otherwise capture and track do not run
+    needs_rows: bool  # the picture depends on the height of the eyes
     needs_warp: bool  # views are warped, so disparity is read
-    needs_depth: bool  # it depends on the viewer's distance
+    needs_depth: bool  # the picture depends on the viewer's distance
     # stored channels read for the left eye and for the right eye:
     # 0 red, 1 green, 2 blue; 0 of a grey scene
     planes: tuple[tuple[int, ...], tuple[int, ...]]

@@ -1,5 +1,5 @@
-"""What each refresh showed, and pictures between hand-over and light: each waits for its blank and
-is reported in order.
+"""Presentations: what each refresh shows, and pictures between submission and vblank, which are
+reported in order.
 """
 
 from collections import deque
@@ -25,26 +25,26 @@ class Presentation:
     """What one refresh, or one camera frame, showed."""
 
     seq: int
-    """Counts showings, over all restarts of the stage."""
+    """Counts presentations, over all restarts of the stage."""
     number: int
-    """Of the picture, from 1; 0: the picture on the screen stayed."""
+    """Number of the picture, from 1; 0: no new picture."""
     display_time: DisplayTime
     eyes: TrackedEyes | None
-    """The eyes it was made for; None: no record has come yet."""
+    """The eyes it was made for; None: no record yet."""
     viewpoints: Viewpoints
     picture: NDArray[np.uint8] | None
-    """On the screen now, uint8 (height, width, 3) BGR; valid until the next picture."""
+    """The picture on the screen, uint8 (height, width, 3) BGR; valid until the next one."""
     t_started_ns: int
     t_composed_ns: int
     t_handed_ns: int
     cost_ns: int
-    """Of composing and handing over; 0: the picture stayed."""
+    """Time of composing and submission; 0: no new picture."""
     t_presented_ns: int = 0
     """0: never seen, or not known yet."""
     by: str = ""
     """The protocol that reported t_presented_ns, HANDOVER or REPLACED; empty: not known yet."""
     juddered: bool = False
-    """Whether it was shown at another blank than planned."""
+    """Whether it was shown at another vblank than planned."""
     more: dict[str, Any] = attrs.field(factory=dict)
     """Fields that a listener adds to its line of the trace."""
 
@@ -65,28 +65,27 @@ class Presentation:
 
 
 class Listener:
-    """Reacts to showings; a listener defines only the methods that it needs."""
+    """Reacts to presentations; a listener defines only the methods that it needs."""
 
     def set_options(self, options: SessionOptions) -> None:
-        """Takes the session's options: called before the first showing, and when they change."""
+        """Sets the session's options: called before the first presentation and when they change."""
 
     def handed_over(self, presentation: Presentation) -> None:
-        """Takes what was handed to the display."""
+        """Receives a presentation that was submitted to the display."""
 
     def presented(self, presentation: Presentation) -> None:
-        """Takes a showing whose time of display is known; each is handed over first."""
+        """Receives a presentation whose display time is known; each is submitted first."""
 
     def close(self) -> None:
-        """Ends its outputs."""
+        """Closes its outputs."""
 
 
 def take_known(
     waiting: deque[Presentation], answers: Iterable[Presented], by: str, t_ns: int
 ) -> list[Presentation]:
-    """Takes those, in their order, whose time of display is known at t_ns: their blank, 0 if the
-    next picture replaced them before one, or their hand-over if no report came within ANSWER_NS.
-    by: the protocol that reports; it is set already where a refresh repeated the picture on the
-    screen.
+    """Takes the presentations, in order, whose display time is known at t_ns: their vblank, 0 if
+    the next picture replaced them before it, or their submission without a report within ANSWER_NS.
+    by: the protocol that reports; already set if a refresh repeated the picture on the screen.
     """
     unanswered = {
         presentation.number: presentation

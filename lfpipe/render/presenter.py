@@ -1,4 +1,4 @@
-"""Puts pictures on the display: chooses them, composes only changes, and notifies listeners.
+"""Presents pictures: chooses them, composes only changes, and notifies listeners.
 
 What does not change the next picture happens after submission, in the listeners.
 """
@@ -54,7 +54,7 @@ class Presenter:
         listeners: Sequence[Listener] = (),
         seq: int = 0,
     ) -> None:
-        """mouse: the viewer without a camera, or while its right button is held. refresh: the
+        """mouse: the viewer if there is no camera or its right button is held. refresh: the
         display's clock, None with one picture per camera frame. seq: of the first presentation.
         """
         self._viewer = viewer
@@ -71,14 +71,14 @@ class Presenter:
         self.cost_ns = 0
         """Running mean of composing and showing a picture."""
         self.picture: NDArray[np.uint8] | None = None
-        """The last one, for a screenshot."""
+        """The last picture, for a screenshot."""
 
     def redraw(self) -> None:
         """Composes the next picture even if its key is unchanged."""
         self._key = None
 
     def draw_by(self, draw: Draw) -> None:
-        """Draws the following pictures with this function."""
+        """Sets the function that draws the following pictures."""
         self._draw = draw
         self.redraw()
 
@@ -117,7 +117,7 @@ class Presenter:
         self._account(presentation)
 
     def _hand_over(self, drawing: Drawing, on_vblanks: bool) -> tuple[int, int]:
-        """(time of the hand-over, its work) in ns."""
+        """(submission time, work) in ns."""
         t_handing_ns = now_ns()
         cpu_ns = time.process_time_ns() if on_vblanks else 0
         t_handed_ns = self._display.show(*drawing, self._viewer.config.render.anaglyph)

@@ -97,8 +97,8 @@ class EyesInput:
         return stamp
 
     def leave_out(self) -> None:
-        """Counts the previous record as left out if no picture was made for it: a newer one came,
-        or the session is paused.
+        """Counts the previous record as left out if no picture was made for it, because of a newer
+        one or a pause.
         """
         self._context.row["left_out"] += self.pending
         self.pending = False
@@ -160,7 +160,7 @@ class RenderStage:
         context.row["t_face_ns"] = now_ns()
 
     def _take_settings(self) -> None:
-        """Takes over configuration and options, as the context has them now."""
+        """Applies the current configuration and options of the context."""
         self._asked = self._context.config
         self._options = options = self._context.options
         self._config: Config = lowered(self._asked, options)
@@ -185,7 +185,7 @@ class RenderStage:
         )
 
     def _make_refresh(self) -> Refresh:
-        """The screen's vblanks if they are reported, else an even rate."""
+        """A schedule by the vblanks of the screen if it reports them, else an even rate."""
         if self._display.vblank_source:
             return ScreenRefresh(self._display.nominal_hz(), now_ns())
         return Refresh(self._config.render.nominal_hz, now_ns())
@@ -215,12 +215,12 @@ class RenderStage:
 
     def _lost(self, why: str) -> None:
         if self._options.clock.output is not None:  # it needs its trace
-            raise UserError(why, "make room there, or another --out")
+            raise UserError(why, "free some space there, or use another --out")
         self._context.report_lost(why)
 
     def run(self) -> None:
-        """Shows pictures until the stop: one per camera frame, as in the paper, or one per refresh
-        of the display.
+        """Shows pictures until the stop command: one per camera frame, as in the paper, or one per
+        refresh of the display.
         """
         if self._refresh is None:
             self._run_on_frames()
@@ -304,9 +304,9 @@ class RenderStage:
             self._ui.handle(answer)
 
     def _open_scene(self, other_pack: bool, completed: bool, turned: bool) -> None:
-        """Shows the scene of the settings in force.
+        """Shows the scene of the current settings.
 
-        other_pack: it was packed anew, or further. completed: only its disparity is new. turned:
+        other_pack: it was packed again or further. completed: only its disparity is new. turned:
         depth was inverted.
         """
         options = self._options
@@ -325,17 +325,17 @@ class RenderStage:
             gc.freeze()
 
     def _keep_choice(self) -> None:
-        """Keeps the depth order that a person chose; a replay only applies it."""
+        """Stores the depth order that the user chose; a replay only applies it."""
         word = self._context.config.scene.invert_depth
         if word != "auto" and not self._lossless:
             self._context.request("keep", depth=word)
 
     def _after_picture(self) -> None:
-        """Handles what does not change the picture just shown: keys and notices; without a window,
-        ten times a second.
+        """Handles keys and notices, which do not change the current picture; without a window, ten
+        times a second.
         """
         if self._context.paused:
-            # while nobody looks for a face, none is missed
+            # without tracking, no face is missing
             self._context.row["t_face_ns"] = now_ns()
         if self._interactive or now_ns() >= self._serve_ns:
             self._serve_ns = now_ns() + SERVE_NS
@@ -344,7 +344,7 @@ class RenderStage:
             self._presenter.take_reports()
 
     def close(self) -> None:
-        """Writes what is left to write."""
+        """Writes pending outputs and closes the display."""
         still = self._options.still
         picture = self._presenter.picture
         if still and picture is not None and (failure := save(Path(still), picture)):

@@ -133,7 +133,7 @@ def check_reference(reference: Path, report: Report) -> None:
     be meaningless.
     """
     was = read_report(reference)
-    remedy = "use the reference that belongs to it, or make one with --update"
+    remedy = "use its own reference, or create one with --update"
     for part, names in (("sequence", ("frames", "checksums")), ("scene", SHAPE)):
         for name in names:
             before = was[part].get(name)
@@ -206,7 +206,7 @@ def _tolerance(was: dict[str, str], now: dict[str, str]) -> tuple[float, str]:
         for name in names
     )
     px = MACHINE_PX if "machine" in names else VERSION_PX
-    return px, f"compared with tolerances, not bit by bit: {values}"
+    return px, f"compared with tolerances, not bit for bit: {values}"
 
 
 def _unequal(part: str, was: dict[str, Any], now: dict[str, Any]) -> list[Difference]:

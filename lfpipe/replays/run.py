@@ -222,7 +222,7 @@ def replay(
     `clear_out`); returns the report.
 
     pace: step, max, recorded or a rate in Hz. pictures: store some for comparison. Raises UserError
-    for a user's mistake, ReplayFailed if a stage fails.
+    for a user error, ReplayFailed if a stage fails.
     """
     from lfpipe.supervisor.effects import EndKind
     from lfpipe.supervisor.supervisor import run_session

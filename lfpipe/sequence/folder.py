@@ -198,7 +198,7 @@ class Sequence:
         )
 
     def eyes(self, index: int) -> NDArray[np.void]:
-        """The record, of dtype EYES, that stands in place of a frame.
+        """The record, of dtype EYES, that replaces a frame.
 
         Raises UserError if its packet is damaged.
         """

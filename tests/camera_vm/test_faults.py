@@ -122,7 +122,7 @@ def test_another_program_holds_the_camera(vivid: Path) -> None:
     camera.close()
 
 
-def test_no_signal_is_said_and_the_picture_returns_with_it() -> None:
+def test_lost_signal_is_reported_and_the_picture_returns() -> None:
     """On a grabber's HDMI input: without a signal the driver delivers noise."""
     unload("vivid")
     path = plug(0, "num_inputs=1", "input_types=3")

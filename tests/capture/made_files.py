@@ -1,4 +1,4 @@
-"""Recordings for the tests of this room."""
+"""Recordings for the tests of capture."""
 
 from pathlib import Path
 

@@ -60,7 +60,7 @@ MESSAGES: dict[str, tuple[Cause, str]] = {
     "no path": (parsed("file:?loop=0"), "file: has no path … file:walk.mp4"),
     "bad pace": (
         parsed("file:a?pace=nan"),
-        "'pace=nan' in 'file:a?pace=nan' is not … pace=recorded|max|HZ … 10000 … another '?'",
+        "unknown option 'pace=nan' in 'file:a … pace=recorded|max|HZ … 10000 … another '?'",
     ),
     "no file": (
         checked("a.avi", lambda path: None),
@@ -87,7 +87,7 @@ MESSAGES: dict[str, tuple[Cause, str]] = {
     "busy": (failing(errno.EBUSY), "camera /dev/video7: busy … `fuser -v /dev/video7`"),
     "full bus": (
         failing(errno.ENOSPC),
-        "camera /dev/video7: the USB bus has no room … camera.format=MJPG … camera.width_px",
+        "camera /dev/video7: the USB bus lacks bandwidth … camera.format=MJPG … camera.width_px",
     ),
     "silent driver": (
         failing(errno.ETIMEDOUT),

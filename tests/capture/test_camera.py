@@ -103,7 +103,7 @@ def test_two_cores_and_facemesh_stay_at_30_hz(
     assert open_source.camera_settings(asked).rate_hz == 50.0
 
 
-def test_what_the_driver_rounds_is_noted_and_a_range_of_sizes_has_the_wanted_one() -> None:
+def test_rounded_values_are_reported_and_a_range_of_sizes_includes_the_requested_one() -> None:
     device = FakeCamera(Mode("MJPG", 800, 600, 0, 15.0))
     mode, info = negotiate(PATH, device, config.Camera(format="YUYV", rate_hz=30.0))
     assert device.requested == [("YUYV", 640, 480, 30.0)] and mode == device.mode
@@ -122,7 +122,7 @@ def test_what_the_driver_rounds_is_noted_and_a_range_of_sizes_has_the_wanted_one
     assert device.requested == [("YUYV", 640, 480, 30.0)]
 
 
-def test_a_signal_that_ends_is_said_and_shows_no_noise() -> None:
+def test_lost_signal_is_reported_and_noise_is_not_shown() -> None:
     device = FakeCamera()
     camera = source(device)
     device.signal = camera._controls.signal = False
@@ -299,7 +299,7 @@ def test_a_slow_camera_is_given_the_time_of_its_frames(
         ("camera:/dev/video97", "/dev/video97: no such device", ""),
         ("camera:/dev/null", "/dev/null: not a camera", ""),
         ("camera:/etc/hostname", "/etc/hostname: not a camera", ""),
-        ("camera:Nonesuch", "no camera of that name", "--camera demo"),
+        ("camera:Nonesuch", "no camera with that name", "--camera demo"),
         pytest.param(
             "",
             "no camera found",

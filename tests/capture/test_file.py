@@ -72,7 +72,7 @@ def test_looped_frames_keep_counting_and_never_drift(
 
 
 @pytest.mark.parametrize(("kind", "size"), [("video", (270, 480)), ("pictures", (640, 360))])
-def test_another_size_is_scaled_and_said_and_a_circle_stays_a_circle(
+def test_other_sizes_are_scaled_in_proportion_and_reported(
     kind: str, size: tuple[int, int], tmp_path: Path
 ) -> None:
     frame = np.full((size[1], size[0], 3), 60, np.uint8)

@@ -56,12 +56,12 @@ def test_a_camera_of_that_name_gives_frames_that_are_scaled_counted_and_stamped_
 @pytest.mark.parametrize(
     ("text", "message", "remedy"),
     [
-        ("camera:nothing", "no camera of that name", "camera:/dev/video0 (Front)"),
+        ("camera:nothing", "no camera with that name", "camera:/dev/video0 (Front)"),
         ("camera:ack", "2 cameras have", "use camera:/dev/video1 or"),
         ("", "camera 0: cannot be opened", "privacy"),
     ],
 )
-def test_a_camera_that_cannot_be_used_says_what_helps(text: str, message: str, remedy: str) -> None:
+def test_unusable_camera_is_refused_with_a_remedy(text: str, message: str, remedy: str) -> None:
     with pytest.raises(UserError, match=message) as error:
         open_source.check_source(text, config.Camera())
     assert remedy in error.value.remedy

@@ -112,7 +112,7 @@ def test_a_damaged_jpeg_is_no_frame_and_prints_nothing(
     decoder.close()
 
 
-def test_what_others_write_to_stderr_meanwhile_is_not_lost(
+def test_stderr_of_other_threads_is_passed_on(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     decode = picture_of

@@ -168,7 +168,7 @@ LISTS = {  # of other files and addresses, which FFmpeg would follow
 
 
 @pytest.mark.parametrize("kind", [*NO_FILES, *LISTS])
-def test_what_is_no_recording_is_refused_at_once_by_name(tmp_path: Path, kind: str) -> None:
+def test_non_recordings_are_refused_by_name(tmp_path: Path, kind: str) -> None:
     for path in (tmp_path / "v.avi", tmp_path / "p.png"):
         if kind in LISTS:
             path.write_text(LISTS[kind])
@@ -191,7 +191,7 @@ def test_what_is_no_recording_is_refused_at_once_by_name(tmp_path: Path, kind: s
         b"\xff\xfe.avi",
     ],
 )
-def test_odd_names_are_opened_as_they_stand(
+def test_odd_names_are_opened_unchanged(
     tmp_path: Path, name: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     six(tmp_path / "plain.avi").rename(tmp_path / os.fsdecode(name))

@@ -81,7 +81,7 @@ def test_progress_in_a_log_is_a_line_and_no_bar(
         ("monit", ["monitor"]),
     ],
 )
-def test_completion_offers_keys_words_and_sessions(
+def test_completion_offers_keys_values_and_sessions(
     line: str, offered: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("lfpipe.supervisor.rundir.running", lambda: ["evening", "morning"])

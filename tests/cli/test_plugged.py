@@ -50,7 +50,7 @@ def said(*words: str) -> str:
 
 def test_commands_of_another_package_are_listed_and_run() -> None:
     listed = said("--help")
-    assert "Do more." in listed and "Show a light field from where" in listed, "the built-in `up`"
+    assert "Do more." in listed and "Show a light field from the" in listed, "the built-in `up`"
     assert "broken" not in listed and "odd" not in listed
     assert "more" in said("scene", "--help")
     assert said("more") == said("scene", "more") == "more is done\n"

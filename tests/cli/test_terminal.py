@@ -30,7 +30,7 @@ def _prints(call: ast.Call) -> bool:
     )
 
 
-def test_print_stands_in_terminal_alone() -> None:
+def test_only_terminal_module_prints() -> None:
     printers = {module for module, call in nodes(ast.Call) if _prints(call)}
     assert printers == set(PRINTERS)
 
@@ -73,7 +73,7 @@ def test_cli_escapes_names_of_files(tmp_path: Path) -> None:
         assert "\x1b" not in text, command
 
 
-def test_cli_escapes_a_word_too_many() -> None:
+def test_cli_escapes_an_extra_argument() -> None:
     """click quotes it as it is."""
     controller, terminal_fd = pty.openpty()
     words = [sys.executable, "-m", "lfpipe", "cameras", "more\x1b]0;x\x07"]

@@ -1,4 +1,4 @@
-"""Refusals of displays. The tests of this room run without a screen unless they ask for one."""
+"""Refusals of displays. The tests of this package run without a screen unless they ask for one."""
 
 import sys
 from pathlib import Path

@@ -241,7 +241,7 @@ def measured(camera: str = CAMERA, **changes: object) -> config.Config:
         (CAMERA, {"render.device_latency_measured": ""}, DESK, "set by hand"),
     ],
 )
-def test_loop_doubt_names_what_changed(
+def test_device_latency_doubt_names_the_change(
     camera: str, changes: dict[str, Any], desk: list[Monitor], named: str
 ) -> None:
     doubt = device_latency_doubt(measured(**changes), camera, desk)

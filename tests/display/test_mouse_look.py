@@ -99,7 +99,7 @@ def test_mouse_look_right_button_takes_over_without_a_jump() -> None:
 def test_mouse_session_is_recorded_and_played_again(
     world: World, scene: Path, screen: Screen
 ) -> None:
-    """The recording holds the eyes; two replays agree bit by bit, and a session follows them as it
+    """The recording holds the eyes; two replays agree bit for bit, and a session follows them as it
     followed the mouse.
     """
     world.env["DISPLAY"] = screen.name

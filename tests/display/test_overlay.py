@@ -172,7 +172,7 @@ def test_menu_shows_the_selected_item(count: int, size: tuple[int, int], keys: l
         (Overlay(), "leave-fullscreen"),
     ],
 )
-def test_overlay_escape_closes_what_is_over_the_picture(overlay: Overlay, event: str) -> None:
+def test_overlay_escape_closes_the_page(overlay: Overlay, event: str) -> None:
     view = OverlayView()
     view.set(overlay)
     assert view.key("escape") == Event(event)

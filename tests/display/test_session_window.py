@@ -273,7 +273,7 @@ def wayland() -> Iterator[str]:
 
 
 @pytest.mark.parametrize("system", ["x", "wayland"])
-def test_presented_by_names_who_reports_blanks(
+def test_presented_by_names_the_source_of_vblanks(
     system: str, world: World, scene: Path, request: pytest.FixtureRequest
 ) -> None:
     if system == "x":

@@ -89,6 +89,7 @@ ELSEWHERE = {  # commands that are not run here, and why
     r"cameras|record$": "needs a camera",
     r"models get|10\.0\.0\.7": "needs a network",
     r"scenes/|lf\.h5|slide\.mp4": "needs more than a small scene",
+    r"scene describe": "writes to the folder of views",
     r"bench table|scene make": "needs more than a small scene",
     r"lsl|share stop": "needs a library, or a target: tests/extras/share",
     r"\b(WORD|KEY|NAME|OUT|REF|FILE|TARGET|HOST|SRC|V\?pace)\b|\[|\.\.\.": "needs an argument",

@@ -161,7 +161,7 @@ def test_sdist_names_licence_and_authors_and_links_to_pages(
     targets = re.findall(r"\]\(([^)]+)\)", about)
     assert all(target.startswith("https://") for target in targets), targets
     assert ("![" in about) == bool(url) and "Project-URL: Source, https:" in about
-    assert "lfpipe up --demo" in about and "## How it is built" in about
+    assert "lfpipe up --demo" in about and "## How it works" in about
 
 
 def test_containerfile_runs_commands_that_exist() -> None:

@@ -114,7 +114,7 @@ def _read(camera: ReconnectingCamera, out: np.ndarray) -> tuple[Frame, list[Exce
             raised.append(error)
 
 
-def test_reconnecting_camera_counts_on_and_tells_a_loss_once() -> None:
+def test_reconnecting_camera_continues_counting_and_reports_a_loss_once() -> None:
     opened: list[Made] = []
     scripts: list[Any] = [
         [0, 0, UserError("gone")],

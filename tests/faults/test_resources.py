@@ -91,7 +91,7 @@ def test_up_with_too_little_shared_memory(world: World, scene: Path) -> None:
 
 
 @pytest.mark.parametrize(("soft", "hard", "code"), [(24, 24, 2), (24, 4096, 0)])
-def test_up_raises_the_limit_of_open_files_or_says_it(
+def test_up_raises_the_limit_of_open_files_or_reports_it(
     world: World, scene: Path, soft: int, hard: int, code: int
 ) -> None:
     def limited() -> None:
@@ -163,7 +163,7 @@ def test_trace_and_video_end_on_full_disks_and_the_session_goes_on(
 
 
 @mounts
-def test_config_init_and_report_without_room_leave_no_file(world: World, place: Path) -> None:
+def test_config_init_and_report_on_a_full_disk_leave_no_file(world: World, place: Path) -> None:
     command = ("config", "init", place / "c.toml")
     done = in_mounts(world, command, (place, "size=4k"), after=f"ls -A {place}")
     assert done.returncode == 2 and f"{place}/c.toml: No space left on device" in done.stderr
@@ -178,7 +178,7 @@ def test_config_init_and_report_without_room_leave_no_file(world: World, place: 
 
 
 @mounts
-def test_replay_without_room_for_results_says_so(
+def test_replay_on_a_full_disk_reports_it(
     world: World, scene: Path, clip: Path, place: Path
 ) -> None:
     sequence = world.root / "sequence"

@@ -110,7 +110,7 @@ def test_sweep_spares_sessions_that_begin_at_once(world: World) -> None:
 
 
 @pytest.mark.parametrize("what", ["memory", "run directory"])
-def test_session_whose_memory_or_run_directory_is_removed_ends_in_words(
+def test_session_ends_with_a_message_if_its_memory_or_run_directory_is_removed(
     world: World, scene: Path, what: str
 ) -> None:
     process = world.shows(scene, *SMALL)

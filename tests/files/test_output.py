@@ -75,7 +75,7 @@ JSON = st.recursive(
 @example(b"What was written by lfpipe\n", False)
 @example(b'{"seq": 0}\n', False)
 @example(b"[" * 100_000, False)
-def test_what_others_wrote_is_refused_and_kept(
+def test_files_of_other_programs_are_refused_and_kept(
     tmp_path_factory: pytest.TempPathFactory, data: bytes, force: bool
 ) -> None:
     path = tmp_path_factory.getbasetemp() / "others" / "notes.txt"

@@ -65,7 +65,7 @@ def links(*names: str) -> Read:
         (links("x", "outside/x"), UserError, "outside of the folder"),
     ],
 )
-def test_what_may_not_be_read_is_refused_at_once_by_name(
+def test_forbidden_files_are_refused_by_name(
     folder: Path, read: Read, error: type[Exception], why: str
 ) -> None:
     with pytest.raises(error, match=f"(?s){why}"):

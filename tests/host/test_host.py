@@ -213,7 +213,7 @@ def test_an_answer_that_is_none_is_a_refusal(child: Start, answer: str) -> None:
         (HUNGRY, 20.0, "100 MB of memory"),
     ],
 )
-def test_a_child_that_fails_says_how_and_is_gone(
+def test_failed_child_reports_its_error_and_ends(
     child: Start, program: str, limit_s: float, how: str
 ) -> None:
     running = child(program, limit_s=limit_s)

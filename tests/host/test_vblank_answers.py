@@ -40,7 +40,7 @@ PLAYS: dict[str, tuple[tuple[int, int], list[Step]]] = {
 
 
 @pytest.mark.parametrize("name", PLAYS)
-def test_blank_answers(name: str) -> None:
+def test_vblank_answers(name: str) -> None:
     answers = VblankAnswers()
     for number in (1, 2):  # then the period is known
         answers.asked(number, number * PERIOD_NS - 8 * MS_NS)

@@ -69,7 +69,7 @@ class Terminal:
         os.write(self._fd, key.encode())
 
 
-def test_state_says_that_there_is_no_camera() -> None:
+def test_state_reports_a_missing_camera() -> None:
     rows = {name: np.zeros((), ROW) for name in CORE}
     quality = np.zeros((), SESSION)
     assert "no camera" in state_text(session_metrics("mine", rows, METRICS, quality, 0)).plain
@@ -100,12 +100,12 @@ def test_monitor_lists_the_metrics_that_stages_declare(capsys: pytest.CaptureFix
     metrics = session_metrics("mine", rows, METRICS, np.zeros((), SESSION), 0)
     print_state(converter().structure(metrics.to_dict(), SessionMetrics))
     printed = capsys.readouterr().out
-    assert "track   face yes\n" in printed
+    assert "track   face yes" in printed
     assert "juddered 3, onset_ms 61.2, steady_ms -" in " ".join(printed.split())
     assert max(map(len, printed.splitlines())) <= 80
 
 
-def test_fitted_names_what_it_leaves_out() -> None:
+def test_fitted_names_omitted_lines() -> None:
     text = Text("\n".join(["x" * 79] * 15))
     assert fitted(text, 80, 24) is text
     for size, last in (
@@ -177,7 +177,7 @@ def test_monitor_leaves_nothing_and_costs_no_frame(live: World) -> None:
     assert all(stage["restarts"] == 0 for stage in live.monitor()["stages"].values())
 
 
-def test_monitor_horizon_is_what_the_trace_says(
+def test_monitor_prediction_agrees_with_the_trace(
     live: World,
 ) -> None:
     live.pictures(90)
@@ -195,7 +195,7 @@ def test_monitor_horizon_is_what_the_trace_says(
     assert state["motion_to_photon"]["onset_ms"] is None, "no light without a screen"
 
 
-def test_monitor_streams_and_refuses_wrong_words(live: World) -> None:
+def test_monitor_streams_and_refuses_conflicting_options(live: World) -> None:
     assert live.monitor()["stages"]["render"]["fps"] > 0
     assert "age of the picture" in live.run("monitor", "--session", live.name, "--once").stdout
     assert re.search(r"over \d+ pictures", live.run("ctl", "status", "--session", live.name).stdout)

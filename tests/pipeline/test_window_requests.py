@@ -11,7 +11,7 @@ from tests.support.world import World, answer_of, connected, write_scene
 
 
 @pytest.mark.live
-def test_supervisor_keeps_settings_and_loads_what_a_dialog_chose(
+def test_supervisor_keeps_settings_and_loads_the_dialog_choice(
     world: World, scene: Path, tmp_path: Path
 ) -> None:
     other = write_scene(tmp_path / "other", 1, 5)

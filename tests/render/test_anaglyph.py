@@ -111,7 +111,7 @@ def test_ghost_compensation_cancels_the_leak_through_the_red_glass() -> None:
 WITHOUT_SPECTRA = {"dubois-amber-blue"}  # nobody published those of its glasses
 
 
-def test_every_anaglyph_can_be_chosen_and_has_words_glasses_and_leaks() -> None:
+def test_every_anaglyph_has_a_choice_text_glasses_and_leaks() -> None:
     assert {name for name in choices("render.anaglyph") if name in MATRICES} == set(MATRICES)
     assert set(notices.GLASSES) == set(choices("render.anaglyph")), "add its words to GLASSES"
     assert set(MATRICES) - set(LEAKS) == WITHOUT_SPECTRA, "add its glasses to LEAKS"

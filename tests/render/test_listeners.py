@@ -91,7 +91,7 @@ def test_render_stage_reports_a_lost_output_and_ends_a_replay(tmp_path: Path) ->
         RenderStage._lost(stage, "full")  # type: ignore[arg-type]
 
 
-def test_trace_is_continued_by_a_restarted_process_and_begins_anew_with_a_session(
+def test_trace_continues_after_a_restart_and_starts_over_with_a_session(
     tmp_path: Path,
 ) -> None:
     began = tmp_path / "session.json"
@@ -166,7 +166,7 @@ def test_status_row_counts(
 # messages
 
 
-def test_tap_messages_tell_each_state_and_parallax_once() -> None:
+def test_tap_messages_report_each_state_and_parallax_once() -> None:
     messages: list[tuple[str, dict[str, Any]]] = []
     subject = viewer()
     tap = TapMessages(
@@ -239,7 +239,7 @@ def test_trace_line_has_the_columns_of_the_contracts() -> None:
     assert {*trace_line(presentation(), "warp", 0), "presented_by"} == line.keys()
 
 
-def test_trace_line_holds_the_blank_that_was_aimed_at() -> None:
+def test_trace_line_contains_the_target_vblank() -> None:
     refresh_ns = 16_666_667
     line = trace_line(presentation(display_time=DisplayTime.of(2 * S, refresh_ns)), "warp", 0)
     assert line["t_due_ns"] == 2 * S

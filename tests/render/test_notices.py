@@ -51,7 +51,7 @@ def test_glasses_test_gives_screens_of_two_views_both(anaglyph: Anaglyph) -> Non
     assert picture.shape == (200, 320, 3) and pair is not None and (pair[0] != pair[1]).any()
 
 
-def test_a_recording_that_takes_time_to_start_is_said_at_once() -> None:
+def test_a_slow_start_of_a_recording_is_shown_at_once() -> None:
     notices = Notices()
     context = SimpleNamespace(
         options=SimpleNamespace(record=""), request=lambda word, **words: None
@@ -84,7 +84,7 @@ def test_scene_loader_of_a_locked_window_begins_with_the_first_scene_for_the_nex
     assert asked == [{"load": {"at": 0}}] * loads
 
 
-def test_scene_loader_says_how_far_a_scene_is_loaded() -> None:
+def test_scene_loader_reports_progress() -> None:
     notices = Notices()
     scenes, asked = loader(notices, playlist=("/a", "/b"))
 

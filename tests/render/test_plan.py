@@ -227,7 +227,9 @@ def test_plan_of_one_view_needs_no_eyes() -> None:
         ({}, "blend", "render.method is blend"),
     ],
 )
-def test_plan_says_why_nothing_is_warped(changes: dict[str, Any], method: str, why: str) -> None:
+def test_plan_explains_why_nothing_is_warped(
+    changes: dict[str, Any], method: str, why: str
+) -> None:
     plan = make_plan(
         field(5, 5, **{"disparity_min_px": -1.0, "disparity_max_px": 1.0} | changes),
         with_keys(render__method=method),

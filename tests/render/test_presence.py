@@ -151,9 +151,7 @@ def test_presence_keeps_a_seat_for_ten_seconds_of_absence(
     ],
     ids=["soon", "in half a minute", "elsewhere", "nearer", "later"],
 )
-def test_presence_seats_at_once_who_returns_to_their_seat(
-    back: Rest, away_s: float, known: bool
-) -> None:
+def test_presence_seats_a_returning_viewer_at_once(back: Rest, away_s: float, known: bool) -> None:
     """While another face is there."""
     subject, rest = watched((HOME, 3.0, 0), (Rest(500.0, 210.0, 90.0), away_s, 1), (back, 0.0, 2))
     assert (subject.state is SE and rest is not None and rest.x_px == HOME.x_px) == known

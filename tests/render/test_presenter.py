@@ -119,7 +119,7 @@ def test_presenter_draws_the_glasses_test_instead_of_the_scene() -> None:
     assert np.array_equal(world.presenter.picture, expected)
 
 
-def test_presenter_reports_pictures_in_order_of_their_blanks() -> None:
+def test_presenter_reports_pictures_in_order_of_their_vblanks() -> None:
     world = World(vblank_source="blanks")
     first = world.show()
     stayed = world.show()

@@ -104,7 +104,7 @@ def test_refresh_moves_by_one_step_at_most_for_a_late_frame() -> None:
 @pytest.mark.parametrize(
     ("first", "later_ms"), [(0, 100), (30, LONGEST_NS // MS + 300)], ids=["restart", "gap"]
 )
-def test_refresh_finds_its_phase_anew_after_a_gap_or_a_restart(first: int, later_ms: int) -> None:
+def test_refresh_relocks_its_phase_after_a_gap_or_a_restart(first: int, later_ms: int) -> None:
     refresh = Refresh(60.0, T0_NS)
     hear(refresh, 30.0, range(30))
     later_ns = T0_NS + round(29e9 / 30) + (later_ms + 5) * MS
@@ -117,7 +117,7 @@ def test_refresh_counts_those_that_pass_during_a_picture() -> None:
     assert refresh.advance(T0_NS + 75 * MS) == 2 and refresh.due_ns() == T0_NS + 80 * MS
 
 
-def test_refresh_due_ns_rises_whatever_the_camera_says() -> None:
+def test_refresh_due_ns_increases_for_any_camera_stamps() -> None:
     rng = np.random.default_rng(3)
     refresh = Refresh(60.0, T0_NS)
     t_ns = T0_NS
@@ -180,7 +180,7 @@ def test_screen_clock_follows_the_rate_of_another_monitor(reported: bool) -> Non
     assert abs(clock.nearest(other[-1] + later_ns) - other[-1] - later_ns) < 0.5 * MS
 
 
-def test_screen_clock_ignores_a_stray_blank_and_follows_a_phase() -> None:
+def test_screen_clock_ignores_a_stray_vblank_and_follows_a_phase() -> None:
     clock = ScreenClock(60, T0_NS)
     for t_ns in grid(60.0, 100, 0):
         clock.vblank(t_ns)
@@ -213,7 +213,7 @@ def test_screen_clock_ignores_a_stray_blank_and_follows_a_phase() -> None:
         ),
     ],
 )
-def test_screen_refresh_begins_late_and_misses_few_blanks(
+def test_screen_refresh_begins_late_and_misses_few_vblanks(
     screen: Screen, most: float, least_ms: float, most_ms: float
 ) -> None:
     """In the second half."""
@@ -301,7 +301,7 @@ def shown_on_demand(pictures: int, delay_ms: float, rest_ms: float) -> tuple[int
 
 @pytest.mark.parametrize("rest_ms", [5.0, 16.0, 17.0])
 @pytest.mark.parametrize("delay_ms", [1.0, 7.0])
-def test_screen_refresh_without_blanks_shows_an_even_rate(delay_ms: float, rest_ms: float) -> None:
+def test_screen_refresh_without_vblanks_shows_an_even_rate(delay_ms: float, rest_ms: float) -> None:
     juddered, lead_ms = shown_on_demand(6000, delay_ms, rest_ms)
     assert juddered == 0
     assert delay_ms + 3.0 < lead_ms < delay_ms + 4.5
@@ -319,7 +319,7 @@ def test_screen_refresh_lead_widens_where_a_picture_is_replaced() -> None:
     assert refresh.lead_ns() - before_ns > 5 * MS
 
 
-def test_screen_refresh_with_a_limit_takes_every_second_blank() -> None:
+def test_screen_refresh_with_a_limit_takes_every_second_vblank() -> None:
     refresh = ScreenRefresh(60.0, T0_NS, 30.0)
     refresh.clock.vblank(T0_NS)
     assert refresh.period_ns == pytest.approx(2e9 / 60, abs=2)
@@ -344,7 +344,7 @@ def known(
     ]
 
 
-def test_take_known_waits_for_a_blank_in_order() -> None:
+def test_take_known_waits_for_a_vblank_in_order() -> None:
     waiting = deque((presentation(1, 100), presentation(0, 200, "blanks"), presentation(2, 300)))
     assert known(waiting, [Presented(2, 350, 0)], 360) == []
     assert known(waiting, [Presented(1, 150, 0)], 370) == [

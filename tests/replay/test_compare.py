@@ -125,7 +125,7 @@ def moved(px: float, *names: str, flips: Callable[[int], bool] = lambda seq: Fal
     return move
 
 
-def test_the_same_results_under_another_name_need_no_word_and_settings_count_where_they_matter(
+def test_renamed_inputs_compare_equal_and_only_relevant_settings_count(
     run: Path,
 ) -> None:
     change_report(run, setting("scene", "name", "copy"))
@@ -167,7 +167,7 @@ def test_another_scene_or_sequence_is_refused_and_other_views_are_named(run: Pat
         shutil.copy(REFERENCE / REPORT, run / REPORT)
 
 
-def test_other_versions_are_told_and_a_rounding_passes(run: Path) -> None:
+def test_other_versions_are_reported_and_rounding_passes(run: Path) -> None:
     copy = other(run, moved(0.04, "eyes_raw"))
     redrawn(copy, dithered)
     found = compare(copy, run)
@@ -175,7 +175,7 @@ def test_other_versions_are_told_and_a_rounding_passes(run: Path) -> None:
     was = "4.12.0.88 in the reference"
     is_now = json.loads((run / REPORT).read_text())["versions"][OPENCV]
     assert (
-        found.notes[0] == f"compared with tolerances, not bit by bit: {OPENCV} {was}, {is_now} now"
+        found.notes[0] == f"compared with tolerances, not bit for bit: {OPENCV} {was}, {is_now} now"
     )
     assert "300 of 300 digests differ, least PSNR 5" in found.notes[1]
     assert not (run / "difference").exists()
@@ -262,7 +262,7 @@ def test_a_damaged_reference_is_compared_or_refused(first: Path, seed: int, redr
             assert len(text.encode()) < 40_000
 
 
-def test_a_reference_with_thousands_of_other_settings_is_told_in_a_few_lines(
+def test_a_reference_with_thousands_of_other_settings_is_reported_in_a_few_lines(
     first: Path, tmp_path: Path
 ) -> None:
     reference = shutil.copytree(first, tmp_path / "ref")
@@ -355,7 +355,7 @@ def test_an_update_that_fails_leaves_nothing(first: Path, tmp_path: Path) -> Non
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_update_without_room_leaves_the_reference(first: Path, tmp_path: Path) -> None:
+def test_an_update_on_a_full_disk_keeps_the_reference(first: Path, tmp_path: Path) -> None:
     reference = shutil.copytree(first, tmp_path / "ref")
     before = {path.name: path.read_bytes() for path in reference.rglob("*") if path.is_file()}
     (tmp_path / "now").mkdir()

@@ -134,7 +134,7 @@ def test_differences_are_failures_of_their_own(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
-def test_a_replay_that_is_ended_says_so(
+def test_an_interrupted_replay_reports_it(
     world: World, short: Path, blocks: Path, number: int
 ) -> None:
     junit = world.root / "j.xml"

@@ -129,7 +129,7 @@ def made(folder: Path) -> tuple[SequenceWriter, Store]:
     return writer, Store(writer, 3 * SHAPE[0] * SHAPE[1])
 
 
-def test_whatever_goes_wrong_in_the_thread_ends_the_recording_with_words(
+def test_any_error_in_the_thread_ends_the_recording_with_a_message(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fails(*_: object, **__: object) -> None:

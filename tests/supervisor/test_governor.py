@@ -374,9 +374,7 @@ class Session:
         ("display", "track", "left_out", False),
     ],
 )
-def test_quality_control_takes_for_lag_what_a_person_would_miss(
-    clock: str, stage: str, lost: str, lags: bool
-) -> None:
+def test_quality_control_detects_visible_lag(clock: str, stage: str, lost: str, lags: bool) -> None:
     session = Session(Config(render=Render(clock=clock)))  # type: ignore[arg-type]
     session.work(1.0, stage, lost)
     assert (session.state.level.number >= 1) == lags
@@ -422,7 +420,7 @@ def test_quality_control_takes_no_level_that_does_not_help() -> None:
     assert session.state.level == session.state.levels[-1] and session.state.level.every == 2
 
 
-def test_step_tells_its_reason() -> None:
+def test_step_reports_its_reason() -> None:
     run = Run()
     for loads, seconds in ((EASY, 1), (LATE, 0.4), (TIGHT, 0.4), (LATE, 0.3)):
         run.feed_for(loads, seconds)
@@ -447,7 +445,7 @@ def test_step_tells_its_reason() -> None:
         (Load(6, 0, 60_000_000), False, False),
     ],
 )
-def test_governor_bounds_of_lag_and_room(load: Load, lags: bool, room: bool) -> None:
+def test_governor_bounds_of_lag_and_headroom(load: Load, lags: bool, room: bool) -> None:
     full, lowered = Run(), Run(levels=1)
     full.feed_for({**EASY, "render": load}, 0.6)
     lowered.feed_for(LATE, 0.6)

@@ -122,7 +122,7 @@ REFUSED: list[tuple[str, Message, str, list[Message]]] = [
 
 
 @pytest.mark.parametrize(("command", "options", "words", "wrong"), REFUSED)
-def test_respond_refuses_in_few_words(
+def test_respond_refusals_are_short(
     command: str, options: Message, words: str, wrong: list[Message]
 ) -> None:
     for sent in wrong:

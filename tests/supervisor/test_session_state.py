@@ -88,7 +88,7 @@ def test_loaded_starts_at_the_zero_plane_of_the_scene() -> None:
     assert back.rolled_back().options.scene == state.known_good.scene
 
 
-def test_loaded_takes_half_turn_from_the_scene() -> None:
+def test_loaded_takes_invert_depth_from_the_scene() -> None:
     state = made_state()
     order = attrs.evolve(state.config.scene, invert_depth="yes")
     turned = state.changed(attrs.evolve(state.config, scene=order))

@@ -263,7 +263,7 @@ def test_reader_cannot_write_nor_close_while_lent(
     reader._memory.close()
 
 
-def test_segment_create_without_room_leaves_nothing(name: str) -> None:
+def test_segment_create_without_memory_leaves_nothing(name: str) -> None:
     size = shutil.disk_usage(segment.SHM_DIR).total * 2
     with pytest.raises(UserError, match=r"MB free of .* needs") as error:
         segment.create(name, size)

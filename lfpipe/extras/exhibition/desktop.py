@@ -1,4 +1,4 @@
-"""`lfpipe desktop`: the entry in the desktop's menu, and "Open with" for files of light fields."""
+"""`lfpipe desktop`: the entry in the desktop's menu, and "Open with" for light fields."""
 
 import shutil
 import subprocess
@@ -62,7 +62,7 @@ def _files() -> dict[Path, str]:
 
 
 def show_error(error: UserError) -> None:
-    """Shows an error also in a dialog, if a program for that is installed."""
+    """Prints an error, and shows it in a dialog if a program for that is installed."""
     print_error(error)
     text = f"error: {error}"
     installed = [command for command in DIALOGS if shutil.which(command[0])]
@@ -77,7 +77,7 @@ def desktop() -> None:
 
 @desktop.command()
 def install() -> None:
-    """Write a menu entry, an icon and the file types that a file manager opens with lfpipe."""
+    """Write a menu entry, an icon and file associations."""
     for path, text in _files().items():
         path.parent.mkdir(parents=True, exist_ok=True)
         check_output(path)

@@ -1,4 +1,4 @@
-"""`lfpipe kiosk` and `lfpipe up --kiosk`: exhibitions, which have no operator."""
+"""`lfpipe kiosk` and `lfpipe up --kiosk`: exhibitions without an operator."""
 
 import os
 import time
@@ -26,7 +26,7 @@ VARIABLE = "LFPIPE_KIOSK_CODE"
 UNIT = """\
 # written by lfpipe
 [Unit]
-Description=lfpipe: a light field you look into
+Description=lfpipe: light-field exhibition
 PartOf=graphical-session.target
 After=graphical-session.target
 StartLimitIntervalSec=0
@@ -44,14 +44,14 @@ WantedBy=graphical-session.target
 
 
 def kiosk_code(file: Path | None) -> str:
-    """The code that ends an exhibition, from file or the environment: a command line can be read by
-    every user of the machine.
+    """The code that ends an exhibition, from a file or the environment: every user of the machine
+    can read a command line.
 
     Raises UserError if there is none, if it cannot be typed, or if a child could type it by chance.
     """
     if file is not None:
         code = read_text(
-            file, 256, f"--code-file {file}", "name a file that holds the code"
+            file, 256, f"--code-file {file}", "specify a file that contains the code"
         ).strip()
     elif not (code := os.environ.get(VARIABLE, "")):
         raise UserError(
@@ -81,11 +81,11 @@ def until_it_ends(first: Callable[[], int], again: Callable[[], int]) -> int:
 
 
 def up(proceed: Callable[..., Any], *, kiosk: bool, code_file: Path | None, **values: Any) -> Any:
-    """`lfpipe up` as an exhibition: a window in full screen that only the code closes, started
-    again after a failure, also without its camera.
+    """`lfpipe up` as an exhibition: a full-screen window that only the code closes. It restarts
+    after a failure and does not need its camera to start.
     """
     if not kiosk:
-        if code_file:  # who thinks the window is locked must not find it open
+        if code_file:  # the user must not believe that the window is locked
             raise click.UsageError("--code-file needs --kiosk")
         return proceed(**values)
     display = values["display"] or "fullscreen"
@@ -105,7 +105,7 @@ def up(proceed: Callable[..., Any], *, kiosk: bool, code_file: Path | None, **va
 
 @click.group()
 def kiosk() -> None:
-    """Run an exhibition: see also `lfpipe up --kiosk`."""
+    """Install an exhibition; see also `lfpipe up --kiosk`."""
 
 
 @kiosk.command()
@@ -114,11 +114,11 @@ def kiosk() -> None:
     "--code-file",
     type=PATH,
     metavar="FILE",
-    help=f"A file with the code that ends it; or set {VARIABLE}.",
+    help=f"A file with its code; or set {VARIABLE}.",
 )
 def install(scenes: tuple[Path, ...], code_file: Path | None) -> None:
-    """Write a systemd unit that shows SCENE in full screen when this user's desktop starts, and
-    restarts it after any failure.
+    """Write a systemd unit that shows SCENE in full screen when your desktop starts, and restarts
+    it after a failure.
     """
     import platformdirs
 

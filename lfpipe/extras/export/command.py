@@ -20,7 +20,7 @@ PAIRS = (*PICTURES, ".jps", ".mpo", ".mp4")
 
 @click.group()
 def export() -> None:
-    """Write SCENE for other programs and people."""
+    """Export SCENE for other programs and people."""
 
 
 def _out(help_text: str) -> Callable[[Command], Command]:
@@ -43,7 +43,7 @@ def _seconds(default_s: float) -> Callable[[Command], Command]:
         default=default_s,
         show_default=True,
         metavar="S",
-        help="Length of a clip, there and back.",
+        help="Length of the clip, there and back.",
     )
 
 
@@ -89,7 +89,7 @@ def pair(path: Path, out: Path, eye_distance: float | None, seconds: float, conf
 def wiggle(
     path: Path, out: Path, eye_distance: float | None, seconds: float, config: Config
 ) -> None:
-    """Write a clip from one eye's view to the other's and back: depth without glasses."""
+    """Write a clip that swings between the views of both eyes: depth without glasses."""
     _write_clip(path, out, "wiggle", eye_distance, seconds, config)
 
 
@@ -119,9 +119,9 @@ def _write_clip(
 @click.option("--credit", metavar="TEXT", default="", help="Line below the picture.")
 @with_scene
 def page(path: Path, out: Path, credit: str, config: Config) -> None:
-    """Write a web page to give away: one file of at most 8 MB that any browser opens.
+    """Write a web page: one file of at most 8 MB that any browser opens.
 
-    Mouse, finger or tilt look around; a button shows red/cyan. It loads nothing from elsewhere.
+    Look around by mouse, touch or tilt; a button shows red/cyan. The page loads nothing else.
     """
     check_page(out)
     check_output(out, [path])

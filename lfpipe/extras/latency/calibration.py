@@ -1,4 +1,4 @@
-"""Measures the delay of the loop.
+"""Measures the device latency.
 
 A window flips between black and white, the camera watches it, and `device_latency` compares.
 """
@@ -39,9 +39,9 @@ AIM_S = 60.0  # timeout for aiming the camera
 LOOK_S, LOOK_EVERY_S = 3.0, 1.5
 CLEAR_R = 0.4  # of the best pixel within LOOK_S; pure noise reaches 0.3
 MEASURE_S = 15.0  # as the recordings of profiling/photon.py, which states the errors
-EVENTS_NS = 4 * MS_NS  # between two looks at the keyboard
+EVENTS_NS = 4 * MS_NS  # between two checks of the keyboard
 ASK = (
-    "Turn the camera to this screen, or use a mirror, so that the screen is in the middle of its"
+    "Point the camera at this screen, or use a mirror, so that the screen is in the middle of its"
     " picture."
 )
 AGAIN = UserError("nothing was measured", "start again when you are ready")
@@ -125,7 +125,7 @@ def advice(area: NDArray[np.bool_]) -> str:
 
 
 def measure_device_latency(config: Config, camera: str | None) -> tuple[LoopDelay, Monitor]:
-    """Returns the delay of the loop and the monitor on which it was measured. Takes MEASURE_S once
+    """Returns the device latency and the monitor on which it was measured. Takes MEASURE_S once
     the camera sees the window.
 
     Raises UserError without a screen, if `estimate` refuses, if the camera fails, or if the user
@@ -182,7 +182,7 @@ class _FlippingWindow:
 
     def _aimed_ns(self) -> int:
         """Flips until the camera sees the window in the middle of its picture; returns since when.
-        After AIM_S, and for a camera without stamps, the estimate says what is wrong.
+        After AIM_S, and for a camera without stamps, the estimate reports the problem.
         """
         began_ns = look_ns = now_ns()
         while (t_ns := self._flip()) < began_ns + AIM_S * SECOND_NS and self._watch.stamped:
@@ -195,7 +195,7 @@ class _FlippingWindow:
         return t_ns - int(MEASURE_S * SECOND_NS)
 
     def _flip(self) -> int:
-        """Shows the other level when its hold is over; returns when it was handed over."""
+        """Shows the other level at the end of its hold; returns the submission time."""
         if self._watch.failure is not None:
             raise self._watch.failure
         window = self.window
@@ -216,7 +216,7 @@ class _FlippingWindow:
         self._number += 1
         window.show(self._levels[self._number % 2])
         if not reported:
-            # as a session plans it if no blanks are reported
+            # as a session plans it if no vblanks are reported
             self._presented_ns[self._number] = t_ns
         for answer in window.presented():
             if answer.t_ns:

@@ -14,7 +14,7 @@ from lfpipe.render.display.monitors import device_latency_conditions
 
 
 def calibrate(proceed: Callable[..., Any], *, latency: bool, **values: Any) -> Any:
-    """Measures the latency of camera and display in place of the focal length."""
+    """Measures the latency of camera and display instead of the focal length."""
     return _measure(**values) if latency else proceed(**values)
 
 

@@ -1,4 +1,4 @@
-"""The delay of the loop (camera and display together), from a camera's recording of a screen that
+"""The device latency (camera and display together), from a camera's recording of a screen that
 flips between black and white.
 
 A frame with stamp t sees the screen's light, averaged over its exposure, as it was presented
@@ -39,14 +39,14 @@ class Model:
         return (self.rise_ms + self.fall_ms) / 2
 
 
-SLOW_S = 1.0  # slower changes come from the room's light and automatic exposure
+SLOW_S = 1.0  # slower changes come from ambient light and automatic exposure
 DELAYS_MS = (-20.0, 480.0)  # searched; television sets with picture processing reach 350
 # near enough to find the screen
 COARSE_STEP_MS = 2.0
 # around the coarse delay: half of the longest readout; half of the error that is allowed
 NEAR_MS, STEP_MS = 30.0, 0.5
 SEARCH_MS = 8.0  # around the best delay: an interval that reaches further is refused
-# From a bright room's exposures to twice the longest hold of the pattern; of pixels, from those of
+# From exposures in bright light to twice the longest hold of the pattern; of pixels, from those of
 # fast screens to twice those of slow ones. Finer steps gained nothing.
 EXPOSURES_MS = tuple(np.geomspace(1.5, 100.0, 14).tolist())
 RESPONSES_MS = (0.7, 3.0, 6.0, 9.5, 14.0)
@@ -54,7 +54,7 @@ MODELS = tuple(
     Model(*values) for values in itertools.product(EXPOSURES_MS, RESPONSES_MS, RESPONSES_MS)
 )
 MAX_MODELS = 48  # the likeliest, of which the delay is computed in fine steps
-# Of a usual camera, and light of the room as a share of the screen's: where they are others, rises
+# Of a usual camera, and ambient light as a share of the screen's: where they are others, rises
 # and falls of the light seem to be off in opposite directions, and the delay stays.
 GAMMA, STRAY = 2.1, 0.05
 BANDS = 6  # of rows: enough for the time from row to row
@@ -334,7 +334,7 @@ def estimate(recording: Recording) -> LoopDelay:
     if area.sum() < MIN_PIXELS:
         raise UserError(
             "the camera does not see the pattern",
-            "turn the camera to the screen, or hold a mirror before it, and dim the room",
+            "point the camera at the screen, or hold a mirror in front of it, and dim the room",
         )
     bands = Bands.of(recording, r * area)
     mean = bands.mean()
@@ -434,7 +434,7 @@ def _checked(recording: Recording) -> Recording:
             "the camera's driver does not stamp the frames",
             "use another camera: only its driver knows when a frame was exposed",
         )
-    # of two flips at one blank, the first was never seen
+    # of two flips at one vblank, the first was never seen
     visible = np.diff(recording.t_flip_ns, append=np.iinfo(np.int64).max) > 0
     recording = attrs.evolve(
         recording, t_flip_ns=recording.t_flip_ns[visible], bright=recording.bright[visible]

@@ -18,8 +18,8 @@ from lfpipe.extras.phone.maker import make_in_child
 )
 @with_config
 def make(path: Path, out: Path | None, config: Config) -> None:
-    """Make a light field of one row from CLIP, a video or a folder of pictures taken while sliding
-    the camera sideways.
+    """Make a light field of one row from CLIP, a video or a folder of pictures from a camera that
+    slid sideways.
     """
     with progress() as bar:
         folder = out or path.with_name(f"{path.stem}-views")

@@ -43,7 +43,7 @@ _FEWEST_SHARED = 20  # details to compare two frames by
 _BLURRED, _SHARPNESS = 0.15, 4.0
 # that are followed through the views, and that a rotation needs
 _CORNERS, _FEWEST_CORNERS = 1200, 60
-_RETURN_PX = 0.4  # a corner tracked there and back must return
+_RETURN_PX = 0.4  # a corner tracked forward and back must return within this
 _HUBER_PX = 0.3  # from there on, what is off counts by its amount and not by its square
 # px up and down that warps pass over; of a view's size; width
 _MAX_RESIDUAL_PX, _MIN_SHRINK, _MIN_VIEW_PX = 0.5, 0.4, 200
@@ -65,7 +65,7 @@ class Slide:
     frames: int  # pictures that the views were chosen from
     residual_px: float  # vertical disparity, 95th percentile
     spread_px: float  # parallax between the outermost views
-    order: str  # evidence that near and far are not exchanged
+    order: str  # evidence for the depth order
     order_sure: bool  # whether it decides
 
 
@@ -74,7 +74,7 @@ class Rectified:
     """What makes a row of the views of a slide."""
 
     homographies: list[NDArray[np.float64]]  # (3, 3), from rectified pixels to those of each view
-    residual_px: float  # vertical disparity that is left; 95 % are smaller
+    residual_px: float  # remaining vertical disparity, 95th percentile
     spread_px: float  # parallax between the outermost views
     moved: NDArray[np.float64]  # by view, the motion of the picture along x, in half widths
     aside: NDArray[np.float64]  # by view and corner, what exceeds that
@@ -86,7 +86,7 @@ class Rectified:
 
         Sure where the camera was turned: without its turning everything then moves to one side, at
         any focal length that cameras have. Where it was not, pictures may have been shifted by a
-        stabiliser; then what stands lower in the picture is taken as nearer. longer: the longer
+        stabilizer; then lower objects are assumed nearer. longer: the longer
         side over the width.
         """
         centred = position - position.mean()
@@ -376,7 +376,7 @@ class _Row:
 
     views: list[NDArray[Any]]
     position: NDArray[np.float64]
-    side_sure: bool  # whether the camera's own motion says which end is on the right
+    side_sure: bool  # whether the camera's own motion determines the right end
     residual_px: float
     spread_px: float
 
@@ -433,8 +433,7 @@ def _row(count: int, read: Callable[[int], NDArray[Any]], progress: Progress) ->
     except UserError:
         if (change := _size_change(at)) > _ZOOMED:  # more than a hand makes
             raise UserError(
-                "the lens zoomed, or the camera came nearer: the pictures differ in size by"
-                f" {change:.0%}",
+                f"the scale changed by {change:.0%} (zoom, or the camera moved closer)",
                 "slide the camera sideways, at one zoom and one distance",
             ) from None
         raise
@@ -451,15 +450,15 @@ def _shrink(rectified: Rectified, height: int, width: int) -> float:
             f"views of only {width}x{height} px remain, which differ up and down by"
             f" {residual_px:.2f} px (95 %); they need a width of {_MIN_VIEW_PX} px and at most"
             f" {_MAX_RESIDUAL_PX} px of difference",
-            "slide along a straight line without turning the camera, past things that stand"
-            " still, in larger pictures",
+            "slide along a straight line without turning the camera, past still objects, in"
+            " larger pictures",
         )
     return shrink
 
 
 def _write(out: Path, row: _Row, sure: bool, progress: Progress) -> None:
     """Raises UserError."""
-    # only what is sure may stand in the names: coordinates are believed
+    # names contain coordinates only if they are certain, because detection trusts them
     form = "out_00_{0:02d}_0.000_{1:.3f}_.png" if sure else "view_{0:02d}.png"
     try:
         out.mkdir(parents=True)

@@ -11,7 +11,7 @@ from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S
 
 
 def up(proceed: Callable[..., Any], *, share: tuple[str, ...], **values: Any) -> Any:
-    """`lfpipe up` with the targets as option of the stage."""
+    """`lfpipe up` with targets."""
     if not share:
         return proceed(**values)
     return proceed(**values, extras={"share": check_targets(share)})
@@ -26,9 +26,7 @@ def share() -> None:
 @click.argument("targets", nargs=-1, required=True, metavar="TARGET...")
 @click.pass_obj
 def start_share(send: Send, targets: tuple[str, ...]) -> None:
-    """Start sharing with each TARGET: opentrack:HOST:PORT, osc:HOST:PORT or lsl[:NAME]. Append
-    ?rate=HZ for predicted eyes.
-    """
+    """Start sharing with each TARGET, as in `lfpipe up --share`."""
     send({"cmd": "share", "start": list(targets)}, FILE_CHECK_TIMEOUT_S)
 
 
@@ -36,8 +34,5 @@ def start_share(send: Send, targets: tuple[str, ...]) -> None:
 @click.argument("targets", nargs=-1, metavar="[TARGET]...")
 @click.pass_obj
 def stop_share(send: Send, targets: tuple[str, ...]) -> None:
-    """Stop sharing with each TARGET, written as `start` printed it.
-
-    Without TARGET, stop all sharing.
-    """
+    """Stop sharing with each TARGET, as `start` printed it; without TARGET, with all."""
     send({"cmd": "share", "stop": list(targets)})

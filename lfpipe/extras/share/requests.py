@@ -48,7 +48,7 @@ def respond(state: SessionState, message: Message, _t_ns: int) -> Reply:
     named = {target: {target, target.partition("?")[0]} for target in running}
     if unknown := [text for text in texts if not any(text in one for one in named.values())]:
         raise UserError(
-            f"{quoted(unknown[0])} is not a current target", f"name one of {', '.join(running)}"
+            f"{quoted(unknown[0])} is not a current target", f"use one of {', '.join(running)}"
         )
     left = tuple(target for target in running if texts and named[target].isdisjoint(texts))
     return Reply(answer={"share": list(left)}, state=_with(state, left))

@@ -98,7 +98,11 @@ class Sharer:
         self._context.row["drops"] += not works
         if works != channel.works:
             channel.works = works
-            state = "works again" if works else "the system does not send it: no route, or no room"
+            state = (
+                "works again"
+                if works
+                else "the system does not send it: no route, or a full buffer"
+            )
             self._context.notify(f"sharing with {channel.target}: {state}")
 
     def send_frames(self) -> None:

@@ -96,7 +96,9 @@ def check_target(text: str) -> Target:
             f" {(str(error) or type(error).__name__).splitlines()[0]}"
         )
         raise _refusal(
-            text, why, "install liblsl (its releases, or conda-forge), and name it in PYLSL_LIB"
+            text,
+            why,
+            "install liblsl (its releases, or conda-forge), and set PYLSL_LIB to its path",
         ) from None
     return target if target.kind == "lsl" else attrs.evolve(target, host=_resolved(text, target))
 
@@ -110,12 +112,12 @@ def check_targets(texts: Sequence[str], running: Sequence[str] = ()) -> tuple[st
     for text in texts:
         exact = str(check_target(text))
         if exact.partition("?")[0] in {target.partition("?")[0] for target in targets}:
-            raise UserError(f"--share {text}: is a target already", "give each target once")
+            raise UserError(f"--share {text}: is a target already", "list each target once")
         targets.append(exact)
     if len(targets) > MAX_TARGETS:
         raise UserError(
             f"--share: {len(targets)} targets are too many; at most {MAX_TARGETS} are allowed",
-            "let one program pass them on to others",
+            "let one program forward them",
         )
     return tuple(targets[len(running) :])
 
@@ -129,7 +131,7 @@ def _resolved(text: str, target: Target) -> str:
             probe.connect(address)  # looks up a route; a datagram socket sends nothing for this
     except (OSError, ValueError) as error:
         why = error.strerror if isinstance(error, OSError) else "not a host name"
-        remedy = "give the name or address of the receiver's machine, 127.0.0.1 for this one"
+        remedy = "use the name or address of the receiver, 127.0.0.1 for this machine"
         raise _refusal(text, f"{quoted(target.host)}: {why}", remedy) from None
     host = str(address[0])
     if socket.inet_pton(family, host.partition("%")[0]).strip(b"\0") == b"":

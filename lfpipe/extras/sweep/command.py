@@ -30,12 +30,12 @@ from lfpipe.errors import UserError
     "address",
     default="",
     metavar="tls://SCHEDULER",
-    help="Use the workers of a Dask scheduler instead.",
+    help="Use the workers of a Dask scheduler.",
 )
 @click.option(
     "--insecure",
     is_flag=True,
-    help="With --on: accept a scheduler without TLS. Whoever reaches it can run code.",
+    help="With --on: accept a scheduler without TLS. Anyone who can reach it can run code.",
 )
 @click.option(
     "--limit",
@@ -43,13 +43,13 @@ from lfpipe.errors import UserError
     default=3600.0,
     show_default=True,
     metavar="S",
-    help="Seconds for one cell.",
+    help="Maximum seconds for one cell.",
 )
 @click.option(
     "--expect",
     type=PATH,
     metavar="DIR",
-    help="Compare replays and quality with the references in this folder.",
+    help="Compare with the references in this folder.",
 )
 @click.option("--update", is_flag=True, help="Write the references of --expect instead.")
 @click.option(
@@ -69,7 +69,7 @@ def sweep(
     update: bool,
     junit: Path | None,
 ) -> int:
-    """Run replays, quality and benchmarks over all recordings and scenes of PLAN.toml.
+    """Run replays, quality measurements and benchmarks over the recordings and scenes of PLAN.toml.
 
     \b
     sequences = ["recordings/*"]
@@ -80,9 +80,9 @@ def sweep(
     [table]
     keep = [2, 3]
 
-    Each combination is a cell. Finished cells are not run again; an interrupted sweep continues
-    with the same command.
-    Exit code 0: all as expected, 1: a cell failed or differs, 2: bad input.
+    Each combination is a cell. To continue an interrupted sweep, run the same command: finished
+    cells are skipped.
+    Exit code 0: equal, 1: a cell failed or differs, 2: invalid input.
     """
     from lfpipe.cli.terminal import progress
     from lfpipe.extras.sweep.plan import read_plan

@@ -35,7 +35,7 @@ BENCH = ("tracker", "synthesis", "stability")  # as `lfpipe bench` names them
 SUBJECTS = (REPLAY, TRUTH, QUALITY, TABLE, *BENCH)
 NEEDS = {REPLAY: "sequences", TRUTH: "sequences", QUALITY: "scenes", TABLE: "scenes"}
 TIMED = (TABLE, *BENCH)  # run alone
-MAX_CELLS = 100_000  # a day of a cluster; a list too many is a mistake
+MAX_CELLS = 100_000  # a day on a cluster; more is probably an error
 # allowed values, default
 PROTOCOL: dict[str, tuple[Collection[int], int]] = {
     "keep": ((2, 3), 2),

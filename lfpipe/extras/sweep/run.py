@@ -1,7 +1,7 @@
 """Runs the cells of a sweep: in threads of this process, or on Dask distributed by the address of a
 scheduler.
 
-Every cell is a process of its own, whoever starts it. Timed cells run one at a time, after all
+Every cell is a process of its own. Timed cells run one at a time, after all
 others, and so does, once more, a cell whose process or worker died.
 """
 
@@ -109,7 +109,7 @@ def dask_workers(address: str, insecure: bool = False) -> Iterator[Workers]:
     """
     if not address.startswith("tls://") and not insecure:
         what = (
-            f"--on {address}: without TLS, whoever reaches this port runs code as you: Dask"
+            f"--on {address}: without TLS, anyone who can reach this port runs code as you: Dask"
             " unpickles what it receives"
         )
         raise UserError(

@@ -103,7 +103,7 @@ def measure_cell(cell: Cell, options: SweepOptions) -> Outcome:
         reason = f"its process was ended by signal {signal}" + ", perhaps out of memory" * (
             signal == 9
         )
-    except Exception as error:  # one cell's mistake must not end the sweep
+    except Exception as error:  # an error in one cell must not end the sweep
         state = FAILED
         reason = str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
     numbers = {

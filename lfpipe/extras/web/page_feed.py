@@ -1,4 +1,4 @@
-"""What the page shows: samples of a session's state and pictures, one sampler for any number of
+"""The data of the page: samples of a session's state and pictures, one sampler for any number of
 viewers.
 
 It attaches to the status table, two picture rings and the tap while the page has viewers, and
@@ -47,7 +47,7 @@ log = logging.getLogger(__name__)
 
 
 def metrics_of(state: Sample) -> dict[str, Any]:
-    """A state as the page shows it, without the options, which are not for every viewer.
+    """The state for the page, without the options, which not every viewer may see.
 
     Adds `depth_px`: smallest and largest zero plane to offer, and step; `playlist`: names of
     scenes; `playlist_at`.

@@ -40,7 +40,7 @@ KINDS = {
 }
 COMMANDS = ("set", "pause", "resume", "recentre", "load", "reset")
 COMMAND_FORM = f"send a JSON map with cmd, one of {', '.join(COMMANDS)}"
-# Limits, as docs/security.md states them: far above what a class-room of browsers needs, far below
+# Limits: far above the needs of a classroom of browsers, far below
 # what hurts a session.
 # for the headers of a request, for its body, between two requests, and to take an answer or a piece
 # of a stream

@@ -1,4 +1,4 @@
-"""What a display is, and the one that shows nothing."""
+"""The base class of displays, which shows nothing."""
 
 import time
 
@@ -13,7 +13,7 @@ from lfpipe.render.synthesis.pair_layout import Pair
 
 @attrs.frozen
 class DisplayNotice:
-    """A notice for people.
+    """A notice for the user.
 
     lost: the display's file ended early, because of a full disk or the like.
     """
@@ -23,23 +23,23 @@ class DisplayNotice:
 
 
 class Display:
-    """Accepts pictures and shows nothing: `--display none`, and what other displays replace."""
+    """Accepts pictures and shows nothing: `--display none`, and the base class of displays."""
 
     pointer = Pointer()
-    """The mouse, as the last call of `events` left it."""
+    """The pointer, updated by `events`."""
     knows_rows = True
-    """Whether it knows which rows of the screen its pictures take."""
+    """Whether it knows the screen rows of its pictures."""
 
     @property
     def vblank_source(self) -> str:
-        """Protocol that reports now when pictures are shown: wp_presentation, wl_surface.frame or
-        x_present; empty if none does.
+        """Protocol that currently reports presentations: wp_presentation, wl_surface.frame or
+        x_present; empty for none.
         """
         return ""
 
     def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
-        """Puts uint8 (height, width, 3) BGR on the screen, scaled to fit; returns the time of
-        hand-over, monotonic ns.
+        """Shows uint8 (height, width, 3) BGR, scaled to fit; returns the submission time, monotonic
+        ns.
 
         pair: the left and right view that picture consists of, and "side-by-side" or
         "row-interleaved": for a screen that must show them in its own pixels.
@@ -47,7 +47,7 @@ class Display:
         return time.monotonic_ns()
 
     def presented(self) -> list[Presented]:
-        """The vertical blanks that showed pictures, reported since the last call. serial: the
+        """The vblanks that showed pictures, reported since the last call. serial: the
         picture's number, 1 for the first call of `show`.
         """
         return []
@@ -57,8 +57,8 @@ class Display:
         return 0.0
 
     def events(self) -> list[Event]:
-        """What a person did since the last call: actions of keys, events of the overlay's items,
-        "load" for a dropped file, "click" on the picture. Call it often: it keeps a window alive.
+        """User input since the last call: actions of keys, events of overlay items, "load" for a
+        dropped file, "click" on the picture. Call it often: it keeps a window responsive.
         """
         return []
 
@@ -67,14 +67,14 @@ class Display:
         return []
 
     def overlay(self, overlay: Overlay) -> None:
-        """Sets what lies over this and the following pictures."""
+        """Sets the overlay of this and the following pictures."""
 
     def title(self, name: str) -> None:
-        """Sets the name of the scene on show."""
+        """Sets the name of the current scene."""
 
     def width_mm(self) -> float | None:
         """Current width of the picture on the screen; None if the size of a pixel is unknown."""
         return None
 
     def close(self) -> None:
-        """Ends the display; a file is complete then."""
+        """Closes the display and completes a file."""

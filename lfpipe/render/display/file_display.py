@@ -22,7 +22,7 @@ from lfpipe.host.terminal import OPENCV_ERROR, opencv_logging
 from lfpipe.render.display.display import Display, DisplayNotice
 from lfpipe.render.synthesis.pair_layout import Pair
 
-# FFmpeg prints its errors by itself; notices say the same
+# FFmpeg prints its own errors; notices repeat them
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 SUFFIXES = (".mkv", ".avi", ".mp4")
@@ -134,7 +134,7 @@ class FileDisplay(Display):
         self._place()
 
     def _write_all(self) -> None:
-        """Writes what is shown until the end. Raises OSError."""
+        """Writes pictures until the end. Raises OSError."""
         t_ns, picture = self._queue.get()
         start_ns = t_ns
         while picture is not None:
@@ -153,7 +153,7 @@ class FileDisplay(Display):
     def _next(
         self, shown: NDArray[np.uint8], start_ns: int
     ) -> tuple[int, NDArray[np.uint8] | None]:
-        """The next of the queue; while there is nothing new for a while, repeats what is shown.
+        """The next of the queue; without a new picture, repeats the current one.
 
         Raises OSError.
         """

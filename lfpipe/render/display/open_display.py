@@ -1,4 +1,4 @@
-"""The choice of a display: what `--display` names, its check, and its opening."""
+"""Parses, checks and opens the value of `--display`."""
 
 import contextlib
 import os
@@ -23,7 +23,7 @@ FORMS = "window, fullscreen, none or file:OUT.mkv (or .mp4)"
 
 
 def _sockets() -> Iterator[tuple[socket.AddressFamily, str | tuple[str, int]]]:
-    """Where the display servers that the environment names listen."""
+    """Addresses of the display servers that the environment names."""
     if wayland := os.environ.get("WAYLAND_DISPLAY"):
         yield socket.AF_UNIX, str(Path(os.environ.get("XDG_RUNTIME_DIR", "")) / wayland)
     host, colon, rest = os.environ.get("DISPLAY", "").rpartition(":")
@@ -48,7 +48,7 @@ def has_display() -> bool:
 
 
 def parse_display(text: str) -> Target:
-    """What `--display` names. Raises UserError if it is no display."""
+    """The display named by `--display`. Raises UserError for an unknown one."""
     name, _, argument = text.partition(":")
     match name:
         case "window" | "fullscreen" if text == name:
@@ -64,7 +64,7 @@ def parse_display(text: str) -> Target:
             raise UserError(f"--display {text!r}: not a display", f"use one of {FORMS}{plugged}")
 
 
-RESULTS: Results = {  # of the methods of a display, and its attributes
+RESULTS: Results = {  # types of a display's attributes and results
     "pointer": Pointer,
     "vblank_source": str,
     "knows_rows": bool,
@@ -81,8 +81,8 @@ RESULTS: Results = {  # of the methods of a display, and its attributes
 
 
 def check_display(target: Target, monitor: str = "") -> None:
-    """Raises UserError if target needs a missing screen or monitor, names a file that cannot be
-    written, or is of a package that does not work. monitor: `screen.monitor`.
+    """Raises UserError if target needs a missing screen or monitor, is an unwritable file, or
+    belongs to a broken package. monitor: `screen.monitor`.
     """
     match target:
         case Window():

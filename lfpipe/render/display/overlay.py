@@ -1,4 +1,4 @@
-"""The overlay as data: what lies over the picture, and the events that a display reports.
+"""The overlay as data, and the events that a display reports.
 
 The session sets an `Overlay`; the display draws it, and reports keys, clicks and touches as
 `Event`.
@@ -59,7 +59,7 @@ class Menu:
 
 @attrs.frozen(kw_only=True)
 class Overlay:
-    """What lies over the picture. Esc, and the × button of lines and menu, emit "close"."""
+    """The overlay. Esc, and the × button of text panels and menus, emit "close"."""
 
     lines: tuple[str, ...] = ()
     """At the top left; text after a tab forms a second column."""

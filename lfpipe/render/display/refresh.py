@@ -1,4 +1,4 @@
-"""When pictures are due: an even rate whose phase follows the camera, or the vertical blanks that
+"""When pictures are due: an even rate whose phase follows the camera, or the vblanks that
 the window system reports.
 """
 
@@ -48,7 +48,7 @@ class Refresh:
         return self.due_ns() - self.lead_ns()
 
     def earliest_ns(self, target_ns: int) -> int:
-        """The earliest hand-over of a picture for target_ns."""
+        """The earliest submission of a picture for target_ns."""
         return target_ns
 
     def add_cost(self, cost_ns: int, t_started_ns: int, target_ns: int) -> None:
@@ -94,18 +94,18 @@ class Refresh:
         self._due_ns += min(max(GAIN * late_ns, -largest_ns), largest_ns)
 
 
-# phase within a few blanks; period over a hundred: reports come in whole ms
+# phase within a few vblanks; period over a hundred: reports come in whole ms
 PHASE_GAIN, PERIOD_GAIN = 0.3, 0.01
-OFF_GRID = 0.35  # of a period: a blank further off belongs to another grid
-OFF_COUNT = 5  # after this many such blanks in a row the clock follows the other grid
+OFF_GRID = 0.35  # of a period: a vblank further off belongs to another grid
+OFF_COUNT = 5  # after this many such vblanks in a row the clock follows the other grid
 # around the nominal one, if the period is not reported: the error of a rate in whole Hz at 25 Hz
 PERIOD_RANGE = 0.12
 REPAINT_RANGE = 0.05  # the same of repaints, whose timers count whole ms
 STALL_NS = 2 * MS_NS  # a repaint that is later than this moves the grid
 REPAINT_NARROWING_NS = 5000  # per picture: what is too wide shrinks by 4 ms in 15 s at 60 Hz
-EARLY_NS = MS_NS // 4  # after a blank; no hand-over for the next one before this
+EARLY_NS = MS_NS // 4  # after a vblank; no submission for the next one before this
 # The lead is the mean cost of a picture and a margin, which holds the rest: how much costs vary,
-# how late the process wakes up, how long before a blank the window system takes a picture.
+# how late the process wakes up, how long before a vblank the window system takes a picture.
 MARGIN_NS = 4 * MS_NS  # at first: most window systems need less
 MIN_MARGIN_NS = MS_NS // 2
 EARLY_STEP_NS = MS_NS
@@ -117,11 +117,11 @@ SOON = 20  # pictures
 # least step in 500, so that 1 picture in 500 is late, and by 8 ms in 1000.
 NARROWING = 4 * MIN_STEP_NS / 500**4
 MAX_COST_PERIODS = 4.0  # of a picture: slower ones say nothing about the next
-MAX_PERIODS = 2.5  # a compositor may require a picture a whole period before its blank
+MAX_PERIODS = 2.5  # a compositor may require a picture a whole period before its vblank
 
 
 class ScreenClock:
-    """The grid of blanks: its period and phase. nominal_hz: the rate the screen claims."""
+    """The grid of vblanks: its period and phase. nominal_hz: the rate the screen claims."""
 
     def __init__(self, nominal_hz: float, t0_ns: int) -> None:
         self._claimed_ns = self._nominal_ns = 1e9 / nominal_hz
@@ -129,7 +129,7 @@ class ScreenClock:
         self._t_ns = float(t0_ns)
         self._off = 0
         self._repaint_ns = 0
-        self.measured = False  # whether a blank was reported
+        self.measured = False  # whether a vblank was reported
 
     @property
     def rate_hz(self) -> float:
@@ -151,7 +151,7 @@ class ScreenClock:
         self.measured = False
 
     def vblank(self, t_ns: int, period_ns: int = 0) -> None:
-        """Adds a blank at t_ns. period_ns: reported with it, or 0."""
+        """Adds a vblank at t_ns. period_ns: reported with it, or 0."""
         if period_ns and abs(period_ns / self._nominal_ns - 1) > PERIOD_RANGE and period_ns > MS_NS:
             # another monitor, or one that claims another rate
             self._nominal_ns = self.period_ns = float(period_ns)
@@ -172,7 +172,7 @@ class ScreenClock:
         self._set_period(self.period_ns + PERIOD_GAIN * error_ns / count, PERIOD_RANGE)
 
     def repaint(self, t_ns: int, late_ns: int) -> None:
-        """Adds a repaint at t_ns, late_ns after it was due, of a screen without blanks."""
+        """Adds a repaint at t_ns, late_ns after it was due, of a screen without vblanks."""
         interval_ns = t_ns - self._repaint_ns
         self._repaint_ns = t_ns
         stall_ns = max(late_ns - STALL_NS, 0)
@@ -186,14 +186,14 @@ class ScreenClock:
         self.period_ns = min(max(period_ns, low_ns), high_ns)
 
     def nearest(self, t_ns: float) -> int:
-        """The blank nearest to t_ns."""
+        """The vblank nearest to t_ns."""
         return round(self._t_ns + round((t_ns - self._t_ns) / self.period_ns) * self.period_ns)
 
 
 class ScreenRefresh(Refresh):
-    """Refreshes on the blanks that a screen of nominal_hz reports: pictures are due at blanks,
+    """Refreshes on the vblanks that a screen of nominal_hz reports: pictures are due at vblanks,
     whose phase does not follow the camera, and begin a lead before them that is learnt from late
-    and early pictures. limit_hz: at most this many pictures a second, 0 for every blank.
+    and early pictures. limit_hz: at most this many pictures a second, 0 for every vblank.
     """
 
     def __init__(self, nominal_hz: float, t0_ns: int, limit_hz: float = 0.0) -> None:
@@ -209,7 +209,7 @@ class ScreenRefresh(Refresh):
         self._estimator = GridEstimator()
         self._reports_period = True  # and pictures do not contradict it
         self._late_ns = 0  # of the last repaint
-        self._unjudged: list[tuple[int, int]] = []  # (target, hand-over) of replaced pictures
+        self._unjudged: list[tuple[int, int]] = []  # (target, submission) of replaced pictures
         self._margin_ns = float(MARGIN_NS)
         # by how much more than a period before its vblank a picture may be submitted
         self._ahead_ns = 0.0
@@ -244,8 +244,8 @@ class ScreenRefresh(Refresh):
         super().add_cost(counted_ns, t_started_ns, target_ns)
 
     def judge(self, target_ns: int, t_handed_ns: int, t_presented_ns: int) -> bool:
-        """Learns from a picture for the blank target_ns, shown at t_presented_ns, 0 for never;
-        returns whether that was not its blank.
+        """Learns from a picture for the vblank target_ns, shown at t_presented_ns, 0 for never;
+        returns whether that was not its vblank.
 
         One that was replaced would have been shown when its successor was.
         """
@@ -278,7 +278,7 @@ class ScreenRefresh(Refresh):
     def _judge_repaint(self, target_ns: int, t_presented_ns: int) -> bool:
         """Whether the interval to the previous picture was not as planned.
 
-        A screen without blanks shows a picture soon after its hand-over, or when it has rested
+        A screen without vblanks shows a picture soon after its submission, or when it has rested
         since the last one: the margin becomes the delay, and the grid follows the rests.
         """
         late_ns = t_presented_ns - target_ns
@@ -291,10 +291,10 @@ class ScreenRefresh(Refresh):
         return abs(changed_ns) > self.clock.period_ns / 2
 
     def _record_vblank(self, target_ns: int, t_handed_ns: int, t_presented_ns: int) -> int:
-        """By how many blanks the picture was late.
+        """By how many vblanks the picture was late.
 
         Late: the lead was too short. A whole period early: too long. A picture begun before the
-        margin changed says nothing about the new margin, and one that its own process handed over
+        margin changed is no evidence about the new margin, and one that its own process submitted
         a period too late is a stall, unless that has happened lately.
         """
         period_ns = self.clock.period_ns
@@ -351,7 +351,7 @@ class ScreenRefresh(Refresh):
         self._limit_hz = 0.0 if rate_hz == "auto" else nominal_hz
 
     def advance(self, t_ns: int) -> int:
-        """Advances to the next blank whose picture can still be begun in time at t_ns."""
+        """Advances to the next vblank whose picture can still be begun in time at t_ns."""
         period_ns = self.period_ns
         self._due_ns = self.due_ns() + period_ns
         late_ns = t_ns - (self._due_ns - self.lead_ns())

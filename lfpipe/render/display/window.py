@@ -29,7 +29,7 @@ TEXT_SHARE = 1 / 50
 BUTTONS = {1: "left", 3: "right"}
 MOUSE = (pygame.MOUSEMOTION, pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP, pygame.MOUSEWHEEL)
 RESIZED = (pygame.WINDOWSIZECHANGED, pygame.WINDOWDISPLAYCHANGED)
-# a move may exchange the rows of the screen under two views
+# a move may swap the screen rows of the two views
 REDRAWN = (pygame.WINDOWEXPOSED, pygame.WINDOWMOVED, *RESIZED)
 NAMES = {
     pygame.K_F11: "f11",
@@ -74,7 +74,7 @@ class OverlayView(Protocol):
 
 
 class ScreenWindow(Display):
-    """A resizable window or the full screen. `show` hands a picture over at once; `presented` says
+    """A resizable or full-screen window. `show` submits a picture at once; `presented` reports
     when the screen showed it.
 
     Its pixels are the screen's own: SDL asks a desktop that scales windows not to scale this one.
@@ -106,9 +106,9 @@ class ScreenWindow(Display):
         self._laid: NDArray[np.uint8] | None = None
         self._view = view
         self._drawn: Sequence[Panel] = ()
-        # of the picture, and of the hand-over: a picture may be drawn again
+        # of the picture, and of the submission: a picture may be drawn again
         self._number = self._handed = 0
-        self._numbers: dict[int, int] = {}  # hand-over -> picture
+        self._numbers: dict[int, int] = {}  # submission -> picture
         try:
             self._driver = window_system.start()
             self.monitor = find_monitor(monitor, monitors()) if monitor else monitors()[0]
@@ -149,7 +149,7 @@ class ScreenWindow(Display):
             # else a window manager places the frame there, and the picture below its title
             self._window.position = self._at
         self._presentation = open_presentation(self._window)
-        # Wayland tells no window where it is
+        # Wayland hides the position of a window
         self.knows_rows = whole or self._driver != "wayland"
         self._numbers.clear()
 

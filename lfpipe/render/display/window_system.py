@@ -1,4 +1,4 @@
-"""SDL with this program's settings, and what pygame does not expose: monitors and the blanks of a
+"""SDL with this program's settings, and features that pygame lacks: monitors and the vblanks of a
 window.
 
 Import pygame from here: SDL reads its environment when it starts.
@@ -149,7 +149,7 @@ def monitor_number(window: pygame.Window) -> int:
 
 
 def open_presentation(window: pygame.Window) -> XPresentation | WaylandPresentation | None:
-    """The source of reports of this window's blanks, or None.
+    """The source of reports of this window's vblanks, or None.
 
     Call after creating the painter: it may replace the window.
     """

@@ -16,14 +16,13 @@ from lfpipe.render.presentation import REPLACED, Listener, Presentation
 from lfpipe.transport.clock import MS_NS, SECOND_NS
 from lfpipe.transport.status import Row
 
-# of the distance between the eyes:
-# ten times the noise, yet the head has hardly moved; 3 px in docs/photon.md
+# of the eye distance: ten times the noise, while the head has hardly moved; 3 px in docs/photon.md
 ONSET = 0.05
 REST_NS = 400 * MS_NS  # at least this long within half of ONSET: a rest
-# from the rest to ONSET at most: slower, there is no moment at which the motion begins
+# from the rest to ONSET at most: a slower motion has no clear beginning
 START_NS = 200 * MS_NS
-WITHIN_NS = 600 * MS_NS  # a later picture has nothing to do with the motion
-UNDER_WAY = 0.5  # distances between the eyes per second; slower, noise is most of it
+WITHIN_NS = 600 * MS_NS  # a later picture is unrelated to the motion
+UNDER_WAY = 0.5  # eye distances per second; below, noise dominates
 # the slowest filter (mean of 5 at 30 Hz: 167 ms) and a loop of 130 ms have settled
 SETTLED_NS = 300 * MS_NS
 KEPT = 0.995  # decay of the sums per picture: some 200 pictures in motion
@@ -42,8 +41,8 @@ class _Frame(NamedTuple):
 
 
 class _Picture(NamedTuple):
-    """t_light_ns: its first light. t_middle_ns: the middle of its time on the screen, for which it
-    was made. Both in the camera's time.
+    """t_light_ns: when it appears. t_middle_ns: the middle of its display time, for which it was
+    made. Both on the camera's clock.
     """
 
     t_light_ns: int
@@ -67,7 +66,7 @@ class MotionLatency:
         self._lag = self._power = 0.0
 
     def add_eyes(self, t_sensor_ns: int, eyes_px: Eyes | None) -> None:
-        """Adds a frame's measured eyes; None without a face.
+        """Adds the measured eyes of a frame; None without a face.
 
         A frame that was added before counts once.
         """
@@ -121,7 +120,7 @@ class MotionLatency:
             self.steady_ns = round(self._lag / self._power)
 
     def _find_motion(self, last: _Frame, frame: _Frame) -> None:
-        """Finds the end of a rest: the moment at which the eyes were ONSET from where they had
+        """Finds the end of a rest: the time at which the eyes were ONSET from where they had
         rested.
         """
         reach_px = ONSET * last.eye_distance_px
@@ -164,7 +163,7 @@ class MotionLatency:
 
 
 class MotionLatencyRow(Listener):
-    """Measures the latency of a session whose loop delay is known, for the status row."""
+    """Measures the latency of a session whose device latency is known, for the status row."""
 
     def __init__(self, row: Row) -> None:
         self._row = row

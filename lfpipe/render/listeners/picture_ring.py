@@ -13,8 +13,8 @@ from lfpipe.transport.ring import Stamp
 
 
 class PictureRing(Listener):
-    """Writes every new picture to the ring of option "pictures", for previews and exports; without
-    a request there is no ring and no copy. The ring ends with the process.
+    """Writes every new picture to the ring of option "pictures". Without a request there is no ring
+    and no copy.
     """
 
     def __init__(self, segment: Callable[[str], str]) -> None:
@@ -42,7 +42,7 @@ class PictureRing(Listener):
             self._write(presentation.eyes.stamp if presentation.eyes else None)
 
     def _write(self, stamp: Stamp | None) -> None:
-        """Writes the picture. One of another size, right after a change of scene, is left out."""
+        """Writes the picture; skips one of another size right after a change of scene."""
         picture = self._picture
         if self._ring is None or picture is None or picture.shape != self._ring.shape:
             return

@@ -32,7 +32,7 @@ class ReplayWriter(Listener):
     def __init__(
         self, folder: Path, sequence: str, pictures: bool, lost: Callable[[str], None]
     ) -> None:
-        """lost: is called with the reason if there is no room."""
+        """lost: called with the reason if the disk is full."""
         self._folder = folder
         self._pictures = pictures
         self._lost = lost
@@ -45,7 +45,7 @@ class ReplayWriter(Listener):
         self._worst_px = -1.0
 
     def handed_over(self, presentation: Presentation) -> None:
-        """Keeps the picture; adds eyes_filtered and the picture's digest to its line."""
+        """Stores the picture; adds eyes_filtered and its digest to the trace line."""
         if presentation.eyes is None:
             return
         stamp = presentation.eyes.stamp
@@ -60,7 +60,7 @@ class ReplayWriter(Listener):
                     self._named["first"] = picture.copy()
                 self._named["last"] = picture
             error_px = self._error_px(presentation)
-            if error_px > self._worst_px:  # false where the truth is not seen
+            if error_px > self._worst_px:  # false without ground truth
                 self._named["worst"] = picture.copy()
                 self._worst_px = error_px
         filtered_px = presentation.eyes.record.filtered_px

@@ -1,4 +1,4 @@
-"""Stamps of the pictures, for stages that ask for them."""
+"""Stamps of presented pictures, for stages that request them."""
 
 from collections.abc import Callable
 
@@ -8,7 +8,7 @@ from lfpipe.transport.ring_io import RingOutput
 
 
 class ShownStamps(Listener):
-    """Writes a record of dtype SHOWN for each presentation while a stage asks for the ring."""
+    """Writes a record of dtype SHOWN for each presentation while a stage requests the ring."""
 
     def __init__(self, open_ring: Callable[[], RingOutput]) -> None:
         """open_ring: opens the ring "shown"; called when it is first needed."""

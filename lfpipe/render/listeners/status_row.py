@@ -1,4 +1,4 @@
-"""Figures of the pictures in the stage's row of the status table."""
+"""Metrics of pictures in the stage's row of the status table."""
 
 import time
 
@@ -12,7 +12,7 @@ MAX_PREDICTION_NS = int(MAX_PREDICTION_S * 1e9)
 
 
 class StatusRow(Listener):
-    """Counts showings in the stage's row of the status table, and measures them."""
+    """Counts and measures presentations in the stage's row of the status table."""
 
     def __init__(self, row: Row, viewer: Viewer, display: Display) -> None:
         self._row = row
@@ -36,7 +36,7 @@ class StatusRow(Listener):
             )
 
     def missed(self, count: int) -> None:
-        """Counts refreshes that passed with no new picture begun: the previous one stayed."""
+        """Counts refreshes without a new picture that was due."""
         self._row["missed"] += count
         if self._display.vblank_source:
             self._row["planned"] += count

@@ -14,8 +14,8 @@ LOOK_NS = 100 * MS_NS  # between two messages "look"
 
 
 class TapMessages(Listener):
-    """Sends "viewer" for another state of the viewer, "parallax" for another alpha, a "notice" of
-    its summary when somebody is seated for the first time and, while somebody watches the pictures,
+    """Sends "viewer" when the viewer's state changes, "parallax" when alpha changes, a "notice" of
+    its summary when somebody is seated for the first time and, while pictures are leased,
     "look" with the eyes and the grid of views over them.
     """
 

@@ -1,4 +1,4 @@
-"""A line per showing: the trace of a session, and a timeline that was started later."""
+"""Trace lines of presentations: the trace of a session, and a timeline that starts later."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +13,7 @@ from lfpipe.transport.ring import StampKind
 
 
 def trace_line(presentation: Presentation, method: str, level: int) -> dict[str, Any]:
-    """The line of a showing with eyes (docs/contracts.md). method, level: in force."""
+    """The trace line of a presentation with eyes (docs/contracts.md). method, level: current."""
     eyes = presentation.eyes
     assert eyes is not None
     stamp = eyes.stamp
@@ -46,14 +46,14 @@ def trace_line(presentation: Presentation, method: str, level: int) -> dict[str,
 
 
 class Trace(Listener):
-    """Writes a line per showing: the trace of a session and, while one is wanted, a timeline."""
+    """Writes a line per presentation to the trace and, on request, to a timeline."""
 
     def __init__(
         self, viewer: Viewer, path: Path | None, began: Path | None, lost: Callable[[str], None]
     ) -> None:
-        """path: of the trace. began: a file that the session wrote at its start, for a restarted
-        process, which continues what the one before it wrote. lost: is called once with the reason
-        if a file ends early.
+        """path: of the trace. began: a file that the session wrote at its start; a restarted
+        process continues older files than that. lost: called once with the reason if a file ends
+        early.
         """
         self._viewer = viewer
         self._began = began

@@ -1,4 +1,4 @@
-"""What each event does: one table. A new action is a row here, and a row of `keys.KEYS` if it has a
+"""The action of each event. To add one, add a row here, and a row to `keys.KEYS` if it has a
 key.
 """
 
@@ -43,7 +43,7 @@ def _load(ui: Ui, event: Event) -> None:
 
 
 def _wear(ui: Ui, event: Event) -> None:
-    """Keeps the answer, and begins the test of these glasses."""
+    """Stores the answer and starts the glasses test."""
     ui.close_page()
     ui.settings.keep({"anaglyph": event.text})
     ui.settings.set(anaglyph=event.text)

@@ -24,11 +24,11 @@ from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.control import Answer
 
-HINT_NS = 6 * SECOND_NS  # a person looks at the scene first
+HINT_NS = 6 * SECOND_NS  # after the user has looked at the scene
 
 
 class Ui:
-    """Handles a display's events, and what lies over its picture."""
+    """Handles the events of a display and its overlay."""
 
     def __init__(
         self,
@@ -39,7 +39,7 @@ class Ui:
         display: Display,
         actions: "Mapping[str, Callable[[Ui, Event], None]]",
     ) -> None:
-        """actions: event name -> what it does."""
+        """actions: event name -> action."""
         self.context = context
         self.viewer = viewer
         self.presenter = presenter
@@ -69,7 +69,7 @@ class Ui:
         self._set_overlay(now_ns())  # keys that are pressed now are for the menu
 
     def serve(self) -> None:
-        """Handles the events since the last call and refreshes what lies over the picture."""
+        """Handles the events since the last call and updates the overlay."""
         for event in self._display.events():
             self.presenter.redraw()
             if event.name in CLOSING and not (self.page and self.page.stays):
@@ -97,7 +97,7 @@ class Ui:
             self.notices.show("kept", self.settings.kept_text(answer.values["values"]))
 
     def open_page(self, page: Page) -> None:
-        """Opens a page in place of another; closes it if it is open."""
+        """Opens a page instead of the current one; closes it if it is open."""
         options = self.context.options
         if page is self.scene_page and len(options.playlist) < 2 and not options.start:
             self.notices.show("scene", NO_OTHER)

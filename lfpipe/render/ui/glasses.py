@@ -1,4 +1,4 @@
-"""A person's glasses: the question which ones they are (key e, and at the first start), and their
+"""The viewer's glasses: the question about them (key e, and at the first start), and their
 test (key g).
 """
 
@@ -24,7 +24,7 @@ KINDS: tuple[tuple[str, tuple[Colour, Colour] | None, str], ...] = (
     ("none", None, "mono"),
 )
 ICON_PX = 480, 240  # width, height: larger than on any screen, so that it is only scaled down
-# of the test: both letters leave room for ghost compensation on either side
+# of the test: both values leave headroom for ghost compensation
 GREY, DARK, LIGHT = 128, 60, 235
 LETTER_AT = 0.38  # of the height: the middle of the letters
 GHOST = "ghost"  # the slider of the test
@@ -48,7 +48,7 @@ def _icon(lenses: tuple[Colour, Colour] | None) -> NDArray[np.uint8]:
 
 @lru_cache(1)
 def glasses_menu(anaglyph: str) -> Menu:
-    """The question. anaglyph: the setting in force."""
+    """The question. anaglyph: the current setting."""
     items = tuple(
         Item(label, Event("wear", value), picture=_icon(lenses)) for label, lenses, value in KINDS
     )
@@ -86,7 +86,7 @@ def _eye_picture(left: bool, size_px: tuple[int, int]) -> NDArray[np.uint8]:
 
 @lru_cache(1)
 def glasses_test(render: Render, size_px: tuple[int, int]) -> tuple[NDArray[np.uint8], Pair | None]:
-    """A picture with an L for the left eye and an R for the right one, made like every other
+    """A picture with an L for the left eye and an R for the right one, composed like every other
     picture.
 
     Returns uint8 (height, width, 3) BGR, and its two views where the mode shows two.
@@ -102,7 +102,7 @@ def glasses_test(render: Render, size_px: tuple[int, int]) -> tuple[NDArray[np.u
 
 
 def instructions(render: Render) -> tuple[tuple[str, ...], tuple[Item, ...]]:
-    """The lines of a running test, and what can be chosen in it."""
+    """The lines and choices of the running test."""
     others = Item("Other glasses", Event("which"), "e"), Item("Done", Event("glasses"), "g")
     if render.anaglyph == "mono":
         return ("Glasses test: these colours are the same for both eyes.",), others

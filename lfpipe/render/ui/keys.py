@@ -9,10 +9,10 @@ from lfpipe.render.display.overlay import Event, Item
 
 @attrs.frozen
 class Key:
-    """Keys that belong together."""
+    """A row of related keys."""
 
     keys: str
-    """What a person presses, separated by spaces."""
+    """The keys, separated by spaces."""
     actions: str
     """Names of actions (`lfpipe.render.ui.actions.ACTIONS`), one for each key."""
     help: str

@@ -16,8 +16,8 @@ SHOWN_NS = 2 * SECOND_NS  # reading a line takes 1 s
 ASKED_NS = 8 * SECOND_NS  # how long the question about depth stays
 DRAG = "put on the glasses, and drag over the picture to look around"
 INVITATION = "put on the glasses and stand in front of the screen"
-ROWS_UNKNOWN = "Wayland hides where this window is: press f, or the eyes may be exchanged"
-GLASSES = {  # a value of render.anaglyph -> whom its colours are for
+ROWS_UNKNOWN = "Wayland hides the position of this window: press f, or the eyes may be swapped"
+GLASSES = {  # value of render.anaglyph -> its glasses
     "dubois": "red/cyan glasses",
     "colour": "red/cyan glasses, full colours",
     "half-colour": "red/cyan glasses, half the colours",
@@ -26,8 +26,8 @@ GLASSES = {  # a value of render.anaglyph -> whom its colours are for
     "dubois-green-magenta": "green/magenta glasses",
     "dubois-amber-blue": "amber/blue glasses",
     "mono": "no glasses",
-    "side-by-side": "a 3-D television, side by side",
-    "row-interleaved": "a 3-D screen, row by row",
+    "side-by-side": "a 3D television, side by side",
+    "row-interleaved": "a 3D screen, row by row",
 }
 
 
@@ -78,7 +78,7 @@ def status_lines(context: Context, viewer: Viewer) -> tuple[str, ...]:
 
 
 def changes(before: Render, now: Render, alpha_px: float, plane_px: float) -> dict[str, str]:
-    """A notice for each changed setting that a viewer notices, by its key.
+    """A notice for each changed setting that is visible, by its key.
 
     alpha_px, plane_px: the previous values, for a setting that was "auto".
     """
@@ -104,7 +104,7 @@ def _direction(value: float | str, before: float, up: str, down: str) -> str:
 
 
 class ChangeNotices:
-    """Shows a notice for each change of settings, scene and quality, whoever made it."""
+    """Shows a notice for each change of settings, scene and quality, from any client."""
 
     def __init__(self, context: Context, viewer: Viewer, shown: Notices) -> None:
         self._context = context
@@ -117,7 +117,7 @@ class ChangeNotices:
         self._alpha_px = 0.0  # before the latest change
 
     def update(self) -> bool:
-        """Shows what has changed since the last call; returns whether the scene has."""
+        """Shows changes since the last call; returns whether the scene changed."""
         field = self._viewer.field
         render, before = self._context.config.render, self._render
         if render is not before:
@@ -141,7 +141,7 @@ class ChangeNotices:
         return is_new
 
     def ask_about_depth(self) -> None:
-        """Tells, the first time an undecided scene is shown, how to invert depth."""
+        """Shows how to invert depth, the first time that a scene of undecided depth is shown."""
         options = self._context.options
         field = self._viewer.field
         on_screen = isinstance(options.display, Window) and not options.lock_code
@@ -151,7 +151,7 @@ class ChangeNotices:
 
 
 def standing_notices(context: Context, knows_rows: bool) -> list[str]:
-    """The notices that stay while they are true. knows_rows: of the display."""
+    """The notices that stay while their condition lasts. knows_rows: of the display."""
     lines = []
     if context.config.render.anaglyph == "row-interleaved" and not knows_rows:
         lines.append(ROWS_UNKNOWN)
@@ -160,7 +160,7 @@ def standing_notices(context: Context, knows_rows: bool) -> list[str]:
         lines.append("paused" if is_locked else "paused: press p or space to resume")
     t_face_ns = context.row["t_face_ns"]
     current = notices(context.table.rows, context.spec.source, context.spec.name, t_face_ns)
-    if current and is_locked:  # the notices themselves are for its operator
+    if current and is_locked:  # notices are for the operator
         is_alone = any(notice.kind is NoticeKind.NO_FACE for notice in current)
         return [*lines, INVITATION if is_alone else DRAG]
     return [*lines, *(notice.text for notice in current)]

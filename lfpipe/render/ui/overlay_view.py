@@ -19,9 +19,9 @@ from lfpipe.render.ui.keys import ACTION_OF, CLOSE
 
 Place = tuple[int, int]
 Cell = tuple[Item, pygame.Rect]
-BAR_S = 3.0  # the bar stays so long: the time to read its entries
+BAR_S = 3.0  # how long the bar stays: time to read its entries
 REST_S = 0.5  # people who look around with the mouse pause for less
-BAR_EDGE = 0.1  # of the height: where a move of the mouse brings the bar at once
+BAR_EDGE = 0.1  # of the height: pointer motion there shows the bar at once
 KEY_ACTIONS = ACTION_OF | {
     "tab": "choose",
     "f11": "fullscreen",
@@ -34,7 +34,7 @@ KEY_ACTIONS = ACTION_OF | {
     "pagedown": "next",
     "pageup": "previous",
 }
-PAGES = (("◀", "pageup"), ("▶", "pagedown"))  # labels and keys that turn the pages of a menu
+PAGES = (("◀", "pageup"), ("▶", "pagedown"))  # labels and keys of the previous and next page
 PRESSED = (pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP)
 WHITE = (255, 255, 255)
 GREY = (170, 170, 170)
@@ -230,7 +230,7 @@ def text_panel(
     below top_px, or in the middle above bottom_px. Letters are smaller if they do not fit.
 
     White on black is the same for both eyes, so text lies in the plane of the screen through any
-    glasses. The inset is left out if there is no room.
+    glasses. The inset is omitted if it does not fit.
     """
     lines = [drawable(line).partition("\t")[::2] for line in text.lines or text.notices]
     columns = list(zip(*lines, strict=True))
@@ -299,7 +299,7 @@ def _action(key: str) -> Event | None:
 
 
 class OverlayView:
-    """Draws an overlay, and maps what happens on it to events."""
+    """Draws an overlay, and maps input on it to events."""
 
     def __init__(self) -> None:
         self._overlay = Overlay()
@@ -307,8 +307,8 @@ class OverlayView:
         self._at = 0  # the selected item of the menu
         self._hovered = NO_EVENT  # of the bar
         self._held: Cell | None = None  # a slider
-        self._bar_from_s = math.inf  # when the bar comes, for BAR_S
-        self._edge_px = 0  # where a move of the mouse brings the bar, or keeps it
+        self._bar_from_s = math.inf  # when the bar appears, for BAR_S
+        self._edge_px = 0  # pointer motion below shows the bar or keeps it
         self._menu: ItemPanel | None = None
 
     def set(self, overlay: Overlay) -> None:
@@ -325,7 +325,7 @@ class OverlayView:
 
     @property
     def has_pointer(self) -> bool:
-        """Whether there is something to point at."""
+        """Whether the pointer has a target."""
         return self._overlay.menu is not None or self._bar_from_s < math.inf
 
     def panels(self, window_px: Place, text_px: int) -> list[ItemPanel]:
@@ -338,7 +338,7 @@ class OverlayView:
         bar = bar_panel(overlay.bar, self._hovered, window_px, text_px) if overlay.bar else None
         if bar is None or (now_s > self._bar_from_s + BAR_S and self._held is None):
             self._bar_from_s = math.inf
-        # the bar's place is left free, so that nothing moves when it comes
+        # space for the bar stays free, so that nothing moves when it appears
         bar_top_px = window_px[1] if bar is None else bar.at[1]
         pages, panels = list[ItemPanel](), list[ItemPanel]()
         bottom_px = bar_top_px if overlay.menu is None else window_px[1]

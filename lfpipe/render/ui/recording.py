@@ -17,7 +17,7 @@ ENDED_NS = 8 * SECOND_NS  # time to read a path
 
 
 class RecordingIndicator:
-    """Starts and stops recordings, and shows their time and size, whoever started them."""
+    """Starts and stops recordings, and shows duration and size of any client's recording."""
 
     def __init__(self, context: Context, notices: Notices) -> None:
         self._context = context

@@ -50,7 +50,7 @@ class SceneLoader:
         # the scene requested last that is not loaded yet
         self._asked = ""
         self._asked_ns = 0
-        # the name of the scene being loaded, whoever requested it, and its progress
+        # name and progress of the scene being loaded for any client
         self._loading = ""
         self._step = ""
         self.progress: float | None = None
@@ -88,7 +88,7 @@ class SceneLoader:
             self._asked = ""
 
     def report(self, news: Message) -> None:
-        """Takes the progress of loading, whoever requested the scene. A line alone shows that of
+        """Sets the progress of a load requested by any client. A line alone shows that of
         the scene on the screen.
         """
         self._loading, self._step = ("", "") if news["shown"] else (news["scene"], news["step"])

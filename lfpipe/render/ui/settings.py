@@ -46,11 +46,11 @@ class Settings:
         self.set(anaglyph=MODES[(at + 1) % len(MODES)])
 
     def swap_eyes(self) -> None:
-        """Exchanges the views of the eyes."""
+        """Swaps the views of the eyes."""
         self.set(swap_eyes=not self._context.config.render.swap_eyes)
 
     def invert_depth(self) -> None:
-        """Exchanges near and far of the scene."""
+        """Inverts the depth of the scene."""
         word = "no" if self._viewer.field.depth_inverted else "yes"
         self._context.request("set", set={"scene.invert_depth": word})
 

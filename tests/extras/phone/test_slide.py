@@ -172,7 +172,7 @@ CLIPS = {
     "smeared": ([cv2.blur(view, (41, 1)) for view in SLID], "blurred"),
     "unrelated": ([made.texture(*SIZE, seed) for seed in range(9)], "too little detail"),
     "short": ([BASE] * 3, "too few"),
-    "zoomed": ([zoomed(BASE, 1.005**k) for k in range(17)], "the lens zoomed"),
+    "zoomed": ([zoomed(BASE, 1.005**k) for k in range(17)], "the scale changed by"),
     "small": ([np.ascontiguousarray(view[:, 100:290]) for view in SLID], "need a width of 200"),
 }
 

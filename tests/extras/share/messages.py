@@ -48,6 +48,6 @@ MESSAGES: dict[str, tuple[Cause, str]] = {
     ),
     "nine": (
         lambda here: check_targets([f"osc:127.0.0.1:{9000 + k}" for k in range(9)]),
-        "--share: 9 targets are too many; at most 8 … others",
+        "--share: 9 targets are too many; at most 8 … forward them",
     ),
 }

@@ -27,7 +27,7 @@ TARGETS = ("osc:127.0.0.1:9000?rate=60", "lsl:lab")
         (TARGETS, "osc:127.0.0.1:1", [{"stop": ["osc:127.0.0.1:1"]}]),
     ],
 )
-def test_share_refuses_in_few_words(
+def test_share_refusals_are_short(
     targets: tuple[str, ...], words: str, wrong: list[Message]
 ) -> None:
     for sent in wrong:

@@ -130,7 +130,7 @@ def test_no_name_of_a_file_is_a_formula_of_a_spreadsheet(tmp_path: Path) -> None
         mine.unlink()
 
 
-def test_words_that_do_not_go_together(tmp_path: Path) -> None:
+def test_conflicting_options_are_refused(tmp_path: Path) -> None:
     for words, named in (
         ((f"{tmp_path}/plan.toml",), "plan.toml"),
         (("plan.toml", "--update"), "--update"),

@@ -94,7 +94,7 @@ def test_page_limits_its_viewers(live_server: Server) -> None:
     until(served_again, "place for a new viewer")
 
 
-def test_page_drops_who_does_not_read(live_server: Server) -> None:
+def test_page_drops_slow_clients(live_server: Server) -> None:
     sockets = live_server.sockets()
     get = "GET {} HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer {}\r\n\r\n"
     with ExitStack() as stack:

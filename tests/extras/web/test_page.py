@@ -136,7 +136,7 @@ def test_page_in_a_browser_moves_charts_and_takes_controls(
         assert server.ask("POST", "/ctl", {"cmd": "recentre"})[0] == 200
 
 
-def test_place_px_is_where_the_view_solver_says() -> None:
+def test_place_px_agrees_with_the_view_solver() -> None:
     from lfpipe.config import Render
     from lfpipe.render.synthesis.viewpoint import ViewSolver
 
