@@ -31,7 +31,7 @@ SOFTNESS = 2.0  # grey levels by which a neighbour may match worse and still cou
 # sigma of the window of gradient energies; squared grey levels per px^2 that every direction has
 ENERGY_PX, ENERGY_FLOOR = 1.5, 0.05
 # A neighbour can tell a value if the energy along its baseline is this share of the largest.
-TELLING_SHARE = 0.25
+TELLING_SHARE = 0.05
 # Where disparity serves, over windows of WINDOW_PX: it explains a tenth of the squared difference
 # between a view and one of its neighbours, and a picture midway between them differs less between
 # the two warps than the cross-fade differs from their mean. Smaller areas than MIN_AREA_PX on a
