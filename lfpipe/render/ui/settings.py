@@ -25,7 +25,7 @@ class Settings:
         self._viewer = viewer
 
     def set(self, **values: object) -> None:
-        """Changes keys of [render] in this session."""
+        """Changes keys of [render] until the session ends."""
         self._context.request(
             "set", set={f"render.{name}": value for name, value in values.items()}
         )
