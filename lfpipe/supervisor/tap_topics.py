@@ -11,7 +11,7 @@ class Topic:
 
     name: str
     writers: tuple[str, ...]
-    """Stages, or "supervisor"."""
+    """Stages, "every stage", or "supervisor"."""
     fields: tuple[str, ...]
     meaning: str
 
@@ -30,7 +30,7 @@ TOPICS = (
         ("face", "eyes_px", "grid", "alpha_px", "centre_px"),
         "the eyes and the grid of views, while pictures are leased",
     ),
-    Topic("notice", ("capture", "track", "render", "record", "share"), ("text",), "for the user"),
+    Topic("notice", ("every stage",), ("text",), "for the user"),
     Topic("failed", SUPERVISOR, ("stage", "code", "phase", "source_seq"), "a stage has failed"),
     Topic("refused", SUPERVISOR, ("stage", "why"), "a change was rolled back"),
     Topic("level", SUPERVISOR, ("level", "lowest", "words", "stage", "why"), "another quality"),

@@ -26,7 +26,7 @@ def share() -> None:
 @click.argument("targets", nargs=-1, required=True, metavar="TARGET...")
 @click.pass_obj
 def start_share(send: Send, targets: tuple[str, ...]) -> None:
-    """Start sharing with each TARGET, as in `lfpipe up --share`."""
+    """Start sharing with each TARGET, as the option `--share` of `lfpipe up`."""
     send({"cmd": "share", "start": list(targets)}, FILE_CHECK_TIMEOUT_S)
 
 

@@ -15,8 +15,8 @@ def test_desktop_entries_are_valid_and_go_again(world: World) -> None:
     for _ in range(2):  # its own files are replaced
         done = world.done("desktop", "install")
     entry, opens, icon = map(Path, done.stdout.splitlines())
-    assert f'Exec="{sys.executable}" -m lfpipe.extras.exhibition\n' in entry.read_text()
-    assert " -m lfpipe.extras.exhibition up %f\n" in opens.read_text() and icon.suffix == ".svg"
+    assert f'Exec="{sys.executable}" -P -m lfpipe.extras.exhibition\n' in entry.read_text()
+    assert " -P -m lfpipe.extras.exhibition up %f\n" in opens.read_text() and icon.suffix == ".svg"
     if shutil.which("desktop-file-validate"):
         subprocess.run(["desktop-file-validate", entry, opens], check=True)
     icon.write_text("drawn by somebody else")
