@@ -216,6 +216,27 @@ FAULTS = (
         "track/test_eye_tracker.py",
     ),
     Fault(
+        "a hidden eye is held at its raw place",
+        "track/eye_tracker.py",
+        "self._position_px = self._trusted_position_px",
+        "self._position_px = self._raw_px",
+        "track/test_eye_tracker.py",
+    ),
+    Fault(
+        "the gate looks at the left eye only",
+        "track/filters/imm.py",
+        "math.hypot(rx - last_rx - moved_x, ry - last_ry - moved_y)",
+        "math.hypot(lx - last_lx - moved_x, ly - last_ly - moved_y)",
+        "track/test_filters.py",
+    ),
+    Fault(
+        "a nearer face wins at its first scan",
+        "track/detector.py",
+        "NEARER_SCANS = 4",
+        "NEARER_SCANS = 1",
+        "track/test_engines.py",
+    ),
+    Fault(
         "the gate refuses a head that shakes fast",
         "track/filters/outliers.py",
         "limit += USUAL_WEIGHT * self._usual_px",

@@ -12,7 +12,13 @@ import pytest
 from numpy.typing import NDArray
 
 from lfpipe.config import Track
-from lfpipe.track.detector import SAME_OVERLAP, overlap, suppressed
+from lfpipe.track.detector import (
+    SAME_OVERLAP,
+    Detection,
+    FaceSelector,
+    overlap,
+    suppressed,
+)
 from lfpipe.track.engine import Engine, Face
 from lfpipe.track.litert_engine import LitertEngine
 from lfpipe.track.make_engine import make_engine
@@ -110,6 +116,17 @@ def test_a_passer_by_does_not_steal_the_view_and_recentre_chooses_anew(
     engine.reset()
     face = found(engine, placed(viewer, (450, 200, 0.7)))
     assert abs(face.eyes_px[:, 0].mean() - 450) < 20
+
+
+def test_a_nearer_face_takes_over_after_a_second_of_scans_without_a_gap() -> None:
+    """A passer-by is nearer for less than a second: 4 scans, a third of a second each."""
+    viewer, passer_by = (100.0, 150.0, 180.0, 250.0), (300.0, 100.0, 460.0, 300.0)
+    faces = [Detection(box, np.zeros((6, 2)), 0.9) for box in (viewer, passer_by)]
+    selector = FaceSelector()
+    selector.follow(viewer)
+    for seen in (faces, faces, faces, faces[:1], faces, faces, faces):
+        assert selector.rival(seen, viewer, 640, 480) is None
+    assert selector.rival(faces, viewer, 640, 480) is faces[1]
 
 
 @pytest.mark.parametrize("size", [(320, 240), (1920, 1080), (3840, 2160)])

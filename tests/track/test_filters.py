@@ -277,6 +277,15 @@ def test_one_wrong_landmark_is_not_magnified(rate_hz: int) -> None:
     assert np.abs(off[3 * rate_hz :]).max() < 0.05 * 60
 
 
+@pytest.mark.parametrize("eye", [0, 1], ids=["left", "right"])
+def test_a_frame_in_which_one_eye_jumps_moves_nothing(eye: int) -> None:
+    filter_ = settled("predictive")
+    wrong = EYES.copy()
+    wrong[eye] += (24.0, 0.0)  # 0.4 eye distances
+    position, _ = filter_.update(40 * FRAME_NS, wrong)
+    np.testing.assert_allclose(position, EYES, atol=0.1)
+
+
 def test_a_head_that_rolls_at_an_even_rate_is_predicted_without_lag() -> None:
     """By 1 rad/s, 80 ms ahead; a single frame whose one eye is wrong turns nothing."""
     filter_ = make_filter(Track(), 0.08)
