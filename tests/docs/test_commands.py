@@ -97,7 +97,7 @@ ELSEWHERE = {  # commands that are not run here, and why
     r"\bctl stop": "others need the session",
     r"desktop": "writes to the home folder",
     r"bench (?!pipeline|viewer)": "takes minutes",
-    r"bench viewer( --quick| --track CSV)?$": "takes half a minute; with --check it does the same work",
+    r"bench viewer( --quick| --track CSV)?$": "takes half a minute; --check does the same work",
 }
 
 
