@@ -135,7 +135,7 @@ class SessionState:
         playlist_at: int | None = None,
         playlist: tuple[str, ...] | None = None,
     ) -> SessionState:
-        """With another scene, at the zero plane of its last showing, or the default: a zero plane
+        """With another scene, at the zero plane of its last presentation, or the default: a zero plane
         is in px of its own scene. Near and far are as chosen for that scene before. playlist_at:
         its index, None if it is not in the playlist. playlist: another one, None for the same.
         """

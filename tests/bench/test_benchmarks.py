@@ -48,9 +48,7 @@ def test_tracker_follows_the_demo_within_a_pixel(tmp_path: Path, sequence: Frame
     found, skipped = split(
         tracker.measure(inputs(wall(2, 2), tmp_path, attrs.evolve(sequence, truth=None)))
     )
-    assert "error of tracking" in skipped and set(found["litert, 320x240"].prepare()[0]) == {
-        "missed"
-    }
+    assert "tracking error" in skipped and set(found["litert, 320x240"].prepare()[0]) == {"missed"}
     vblank, skipped = split(tracker.measure(inputs(wall(2, 2), tmp_path)))
     assert "input wider than 160 px" in skipped
     with pytest.raises(ValueError, match="no face"):

@@ -46,9 +46,9 @@ KNOWN_S = 0.25  # after which the motion of a face that was just found is believ
 POSE_S = 0.1  # time constant of the distance that gives the position before the screen
 MOVED = 0.01  # change of the distance after which the views between the eyes are chosen again
 
-# From a video's start to its first blank, in refreshes. On 60, 75 and 144 Hz, frames of 24, 25 and
+# From a video's start to its first vblank, in refreshes. On 60, 75 and 144 Hz, frames of 24, 25 and
 # 30 Hz begin at multiples of 1, 1/2 or 1/5 of a refresh (once 1/8, once 1/25): 0.3 keeps a tenth
-# away from all blanks. At a blank, noise would choose the frame.
+# away from all vblanks. At a vblank, noise would choose the frame.
 VIDEO_LEAD = 0.3
 
 LARGE_PX = 1 << 20  # of a picture: drawing one takes most of a refresh of 60 Hz
