@@ -1,7 +1,7 @@
 """The display's clock. Beside a camera's, the phase is found at once, then followed in small steps;
-what does not fit is left. On a screen's vblanks: a grid from noisy reports, and a lead learnt from a
-simulated compositor. Pictures on their way to the light are known once each, in their order, by
-their vblank or by their submission.
+outliers are ignored. On a screen's vblanks: a grid from noisy reports, and a lead learnt from a
+simulated compositor. Each submitted picture is reported once, in order, by its vblank or by its
+submission.
 """
 
 from collections import deque
