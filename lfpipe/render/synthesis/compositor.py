@@ -53,7 +53,7 @@ def settings_for_scene(field: LightField, method: str, render: Render) -> Render
 
 
 def recipe_for(render: Render) -> Recipe:
-    """The recipe for mixing pictures; outputs without glasses show a view in its original colours."""
+    """The recipe for mixing pictures; outputs without glasses show original colours."""
     return (
         recipe(render.anaglyph, render.light, render.ghost_compensation)
         if render.anaglyph in MATRICES

@@ -199,7 +199,7 @@ class ViewSolver:
         )
 
     def eyes_at(self, place: Place) -> Eyes:
-        """The eyes at a place, in px of the camera picture: the inverse of `place` within the grid."""
+        """The eyes at a place, in px of the camera picture: the inverse of `place` in the grid."""
         row, left, right = place
         (r0, c0), (cx, cy) = self._middle, self.centre_px
         v = cy + (row - r0) * self.alpha_px

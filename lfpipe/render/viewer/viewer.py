@@ -34,8 +34,8 @@ from lfpipe.render.viewer.presence import (
 from lfpipe.scene.lightfield import LightField
 from lfpipe.transport.clock import SECOND_NS
 
-# Time constants by which alpha follows the viewer's distance, measured as the eye distance: fast for
-# another distance, so that depth never stays beyond comfort; slow for measurement noise.
+# Time constants by which alpha follows the viewer's distance (measured as the eye distance): fast
+# for another distance, so that depth never stays beyond comfort; slow for measurement noise.
 DISTANCE_S = 0.1
 STILL_S = 1.0
 STILL = 0.02
