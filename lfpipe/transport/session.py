@@ -1,4 +1,4 @@
-"""Names of a session: its run directory, segments, FIFOs and sockets, which the supervisor creates."""
+"""Names of a session: its run directory, segments, FIFOs and sockets, made by the supervisor."""
 
 import errno
 import hashlib
@@ -83,7 +83,7 @@ class Session:
 
     @property
     def run(self) -> str:
-        """Unique id of this run of the session, for other programs. It does not reveal the token."""
+        """Unique id of this run of the session, for other programs; does not reveal the token."""
         return f"{self.name}.{hashlib.sha256(self.token.encode()).hexdigest()[:12]}"
 
     @property

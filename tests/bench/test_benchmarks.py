@@ -69,8 +69,8 @@ def test_synthesis_of_a_wall_and_what_does_not_apply(tmp_path: Path) -> None:
     for rows, cols, disparity, missing, curves in (
         (5, 5, False, "warped views", {"nearest", "blend"}),
         (1, 9, True, "viewpoints off the line", {"nearest", "blend", "warp", "warp2"}),
-        (1, 1, True, "error on left-out views", set()),
-        (2, 2, True, "error on left-out views", set()),
+        (1, 1, True, "error on held-out views", set()),
+        (2, 2, True, "error on held-out views", set()),
     ):
         found, skipped = split(
             synthesis.measure(inputs(wall(rows, cols, disparity=disparity), tmp_path))

@@ -168,7 +168,7 @@ ORDERS: dict[str, tuple[SceneSource, dict[str, Any], dict[str, Any], str]] = {
         source(np.repeat(made.views(1, 7), 3, axis=0)),
         {},
         {"by": "flow", "turn": GridTransform()},
-        "whether the grid is one",
+        "whether this is a grid",
     ),
     # nothing hides anything, and cameras may converge in front of it
     **{

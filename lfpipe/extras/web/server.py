@@ -1,5 +1,5 @@
 """The page of `lfpipe monitor --web`: charts, pictures and controls for holders of the token.
-Holders of the other token can only watch, and do not see the camera's picture.
+Holders of the other token have view-only access, without the camera's picture.
 
 Its requests need a token and must come from its own page: any local user reaches 127.0.0.1.
 Tornado serves them in one thread, with limits on time, sizes and connections, so that clients
