@@ -69,8 +69,8 @@ _ALL = (
     Benchmark(
         name="tracker",
         title="Eye tracking",
-        question="How closely does each face engine follow the true eyes of the sequence, and how"
-        " much CPU time does a camera frame take?",
+        question="How closely does each face engine follow the true eyes of the sequence, at what"
+        " CPU time per frame?",
         columns=(
             Column("error", "error of the worse eye, RMS", "% of the eye distance"),
             Column("offset", "offset of the eye centre", "of the eye distance"),
@@ -144,7 +144,7 @@ _ALL = (
     Benchmark(
         name="stability",
         title="Stiff and extreme cases",
-        question="Does any part lose precision, raise an exception or show a wrong picture, and for"
+        question="Does anything lose precision, raise an exception or show a wrong picture, and for"
         " how long? The worst error is shown.",
     ),
 )

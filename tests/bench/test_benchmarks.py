@@ -1,4 +1,4 @@
-"""Benchmarks on small inputs: figures and skipped measurements."""
+"""Benchmarks on small inputs: metrics and skipped measurements."""
 
 import itertools
 from pathlib import Path
