@@ -1,4 +1,4 @@
-"""Run directories: how they are locked, swept and lost, and what in them or in the environment is
+"""Run directories: locks, sweeps and losses, and what in them or in the environment is
 refused with a remedy. And the
 memory of sessions: names follow the run directory; only dead segments of lfpipe are unlinked.
 """

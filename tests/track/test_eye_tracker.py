@@ -1,4 +1,4 @@
-"""`EyeTracker`: results of engine and filter are finite and plausible, else the face is discarded."""
+"""`EyeTracker`: results of engine and filter are finite and plausible, or the face is discarded."""
 
 import math
 from types import SimpleNamespace
