@@ -1,5 +1,4 @@
-"""The packer as a child process: results, refusals, and leftovers after a kill or on a full disk.
-"""
+"""The packer as a child process: results, refusals, and leftovers after a kill or full disk."""
 
 import contextlib
 import os
