@@ -64,7 +64,7 @@ FAULTS = (
         "cv2.merge(channels, out[rows])",
     ),
     Fault(
-        "pictures are due one blank late",
+        "pictures are due one vblank late",
         "render/display/refresh.py",
         "return self.clock.nearest(self._due_ns)",
         "return self.clock.nearest(self._due_ns + self.clock.period_ns)",
@@ -273,7 +273,7 @@ FAULTS = (
         "return 0",
     ),
     Fault(
-        "near and far of hidden parts are exchanged",
+        "depth of hidden parts is inverted",
         "render/synthesis/warper.py",
         "cv2.max(first, disparity, disparity)",
         "cv2.min(first, disparity, disparity)",

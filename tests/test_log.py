@@ -1,4 +1,4 @@
-"""The log: what is written where, and its report."""
+"""The log: its content, its destinations and its report."""
 
 import json
 import logging

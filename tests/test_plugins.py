@@ -1,4 +1,4 @@
-"""Plug-ins that fail: named with their package, and skipped where others can serve."""
+"""Plug-ins that fail: named with their package, and skipped if alternatives exist."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -59,7 +59,7 @@ ROWS = (
     "tracking",
     "waiting for its turn",
     "composing",
-    "waiting for the blank",
+    "waiting for vblank",
     "screen to light",
 )
 ROW_COLOURS = ("#56b4e9", "#009e73", "#d0d7de", "#e69f00", "#d0d7de", "#cc79a7")

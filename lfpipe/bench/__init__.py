@@ -1,3 +1,1 @@
-"""Error against run time: cost and gain of each choice on this machine, this scene and this
-sequence.
-"""
+"""Error against run time: cost and gain of each choice for this machine, scene and sequence."""

@@ -1,8 +1,8 @@
 """The benchmarks of `lfpipe bench`: the question, the columns, the charts and the decision of each.
 
-`lfpipe/bench/NAME.py` runs the benchmark NAME: its function `measure` yields variants, whose
-repetitions the runner interleaves and makes rows of, finished tables, and texts that say what is
-left out and why.
+`lfpipe/bench/NAME.py` runs the benchmark NAME. Its function `measure` yields variants, finished
+tables, and texts that name omitted measurements with the reason. The runner interleaves the
+repetitions of the variants and turns their results into rows.
 """
 
 import attrs
@@ -12,19 +12,19 @@ from lfpipe.bench.results import Column
 
 @attrs.frozen
 class Choice:
-    """What a benchmark decides, by its first chart.
+    """The setting that a benchmark decides, by its first chart.
 
-    Only methods with the parameter of the one in use are choices of the key.
+    Only methods with the same parameter as the one in use are options.
     """
 
     key: str
-    """Of the configuration."""
+    """Configuration key."""
     limit: float
-    """Of the cost."""
+    """Limit of the cost."""
     reason: str
-    """Of the limit."""
+    """Reason for the limit."""
     difference: float
-    """The least difference of the error that is worth another choice."""
+    """Minimum difference of the error that justifies another choice."""
 
 
 @attrs.frozen(kw_only=True)
@@ -36,9 +36,9 @@ class Benchmark:
     question: str
     columns: tuple[Column, ...] = ()
     charts: tuple[tuple[str, str], ...] = ()
-    """Keys of the columns on the axes, (run time or the like, error): less is better in both."""
+    """Keys of the columns on the axes, (run time or similar, error): less is better in both."""
     paper: str = ""
-    """What the paper does."""
+    """The paper's method."""
     choice: Choice | None = None
     rounds: tuple[int, int] = (7, 25)
     """Repetitions of each method in a quick and in a full run."""
@@ -50,10 +50,10 @@ class Benchmark:
 _ALL = (
     Benchmark(
         name="viewer",
-        title="What each eye sees",
-        question="How far is the picture of each eye from the exact one for the true eyes at the"
-        " time it is seen? A simulator has the ground truth: viewers, cameras, screens and time"
-        " are scripted.",
+        title="The picture of each eye",
+        question="How much does the picture of each eye differ from the exact one for the true eyes"
+        " at display time? A simulator provides the ground truth: viewers, cameras, screens and"
+        " time are scripted.",
         columns=(
             Column("error_levels", "error of each eye's picture, RMS", "levels"),
             Column("error_seen", "the same through the glasses", "L*"),
@@ -68,13 +68,12 @@ _ALL = (
     ),
     Benchmark(
         name="tracker",
-        title="Tracking the eyes",
-        question="How closely does each face engine follow the true eyes of the sequence, and"
-        " what does a"
-        " camera frame cost?",
+        title="Eye tracking",
+        question="How closely does each face engine follow the true eyes of the sequence, at what"
+        " CPU time per frame?",
         columns=(
             Column("error", "error of the worse eye, RMS", "% of the eye distance"),
-            Column("offset", "offset of the eye centre", "of the distance between the eyes"),
+            Column("offset", "offset of the eye centre", "of the eye distance"),
             Column("missed", "frames without a face", "share"),
             Column("cpu_ms", "CPU per camera frame, all threads", "ms"),
         ),
@@ -84,14 +83,14 @@ _ALL = (
     ),
     Benchmark(
         name="synthesis",
-        title="Views between the stored ones",
-        question="How well does each method make views that were left out, how evenly do they"
-        " move, and what"
-        " does a picture cost? Disparities are of the kept views alone. A picture is the"
-        " default anaglyph of both eyes, from the places of the left-out views.",
+        title="View synthesis",
+        question="How well does each method predict held-out views, how evenly do they move, and"
+        " how much CPU time does a picture take? Disparities are estimated from the kept views"
+        " alone. A picture is the default anaglyph of both eyes, from the positions of the held-out"
+        " views.",
         columns=(
-            Column("rmse", "error on left-out views, RMSE", "levels"),
-            Column("psnr_db", "PSNR on left-out views", "dB"),
+            Column("rmse", "error on held-out views, RMSE", "levels"),
+            Column("psnr_db", "PSNR on held-out views", "dB"),
             Column("jump", "largest over mean step of a sweep"),
             Column("cpu_ms", "thread CPU per picture", "ms"),
         ),
@@ -102,9 +101,9 @@ _ALL = (
     Benchmark(
         name="pipeline",
         title="The whole pipeline",
-        question="How far is the viewpoint on screen from the eyes at that moment, how old is the"
-        " frame behind it, and how much CPU does it take? Sessions of lfpipe up, and the paper as"
-        " one plain loop, on the same video, which they decode as they run.",
+        question="How far is the viewpoint on screen from the eyes at that time, how old is its"
+        " camera frame, and how much CPU time does it take? Sessions of lfpipe up, and the paper's"
+        " pipeline as one plain loop, on the same video, decoded while they run.",
         columns=(
             Column("error_views", "error of the viewpoint shown, RMS", "views"),
             Column("error_px", "error of the eyes the picture was made for, RMS", "px"),
@@ -145,20 +144,18 @@ _ALL = (
     Benchmark(
         name="stability",
         title="Stiff and extreme cases",
-        question="Does anything lose precision, raise an exception or show a wrong picture,"
-        " and for how"
-        " long? The worst error is shown.",
+        question="Does anything lose precision, raise an exception or show a wrong picture, and for"
+        " how long? The worst error is shown.",
     ),
 )
 BENCHMARKS = {benchmark.name: benchmark for benchmark in _ALL}
 TABLE = Benchmark(
     name="table",
-    title="Views between: quality over time",
-    question="The protocol of angular super-resolution: the corners of 7x7 views are kept,"
-    " the others made"
-    " and compared. Luma of BT.601 in studio range, peak 255; SSIM with a Gaussian of sigma 1.5;"
-    " means over the made views. Disparity is of the kept views alone. One view in colour, one"
-    " core.",
+    title="View synthesis: quality against time",
+    question="The protocol of angular super-resolution: the corners of 7x7 views are kept, the"
+    " others synthesised and compared. Luma of BT.601 in studio range, peak 255; SSIM with a"
+    " Gaussian of sigma 1.5; means over the synthesised views. Disparity is estimated from the kept"
+    " views alone. One view in colour, one core.",
     columns=(
         Column("psnr_db", "PSNR", "dB"),
         Column("worst_db", "worst view", "dB"),

@@ -1,9 +1,9 @@
 """Simulated glasses: the light that reaches an eye from a screen.
 
 The matrices turn linear RGB of an ordinary LCD into the XYZ that reaches an eye, without and with
-each glass. They integrate spectra of display and filters (digitised in the public project
-angler.js, after Woods' measurements) over the CIE 1931 observer. The display's white is D65 with Y
-= 1.
+each filter. They integrate spectra of display and filters (digitised in the public project
+angler.js, after Woods' measurements) over the CIE 1931 observer. The display's white is D65 with
+Y = 1.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ from lfpipe.render.synthesis.anaglyph import decoded
 
 Float = NDArray[np.float64]
 
-# XYZ of a screen's red, green and blue at full: without a glass, and through each
+# XYZ of a screen's red, green and blue at full intensity: without glasses, and through each filter
 BARE = np.array([(0.4433, 0.3141, 0.1930), (0.2406, 0.6450, 0.1144), (0.0, 0.1071, 0.9817)])
 GLASS = {
     "red": np.array([(0.1909, 0.0259, 0.0001), (0.0922, 0.0135, 0.0001), (0.0, 0.0, 0.0)]),

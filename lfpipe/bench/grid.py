@@ -1,7 +1,7 @@
-"""Benchmark: what the spacing of the grid of views does to movement and depth, for viewers at
-several distances: the paper's experiment "Grid Distance Affection", with figures.
+"""Benchmark: effect of the spacing of the view grid on movement and depth, for viewers at several
+distances: the paper's experiment "Grid Distance Affection", with metrics.
 
-Geometry is exact; what the eyes see is drawn and compared in the simulator.
+Geometry is exact; the pictures of the eyes are drawn and compared in the simulator.
 """
 
 import math
@@ -28,12 +28,12 @@ from lfpipe.scene.source import Geometry
 
 DISTANCES_MM = (400.0, 600.0, 800.0)
 ALPHAS_PX = (4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0)  # from dense to sparse
-PAPER_PX = 12.0  # of `--config paper`
+PAPER_PX = 12.0  # alpha of `--config paper`
 AUTOMATIC = 0.0  # render.alpha_px = "auto"
-CAPTURE = Geometry(baseline_mm=20.0, focus_distance_mm=1000.0)  # assumed of the simulated scene
-PLACES = 25  # where a move of 1 cm begins, over the grid
+CAPTURE = Geometry(baseline_mm=20.0, focus_distance_mm=1000.0)  # assumed for the simulated scene
+PLACES = 25  # start positions of a move of 1 cm, over the grid
 SWAY_MM = 42.0
-PICTURES = (4, 12)  # compared of the sway, quick and full
+PICTURES = (4, 12)  # of the sway to compare, quick and full
 
 
 @cache
@@ -51,7 +51,7 @@ class Spacing:
 
     @property
     def eyes_px(self) -> float:
-        """Distance between the eyes in the camera picture."""
+        """Eye distance in the camera picture."""
         config = Config()
         return camera_focal_px(config, IMAGE.shape[1]) * config.screen.eyes_mm / self.distance_mm
 
@@ -66,7 +66,7 @@ class Spacing:
         return parallax(config, self.field, IMAGE.shape[1], self.eyes_px)
 
     def geometry(self) -> Metrics:
-        """Zone, responsiveness, depth and disparity: exact."""
+        """Exact zone, responsiveness, depth and disparity."""
         field, chosen = self.field, self.parallax
         mm_per_px = Config().screen.eyes_mm / self.eyes_px
         views = chosen.views_between_eyes
@@ -99,7 +99,7 @@ class Spacing:
         return float(np.sqrt(max(steps)))
 
     def error(self, count: int) -> float:
-        """Error of what each eye sees while the viewer sways, RMS levels."""
+        """Error of the picture of each eye while the viewer sways, RMS levels."""
         script = _sways(self.eyes_px)
         setup = Setup(scene=_scene(self.alpha_px))
         run = setup.watch(script)
@@ -110,7 +110,7 @@ class Spacing:
 
 @cache
 def _sways(eyes_px: float) -> Script:
-    """A viewer whose eyes are that far apart in the camera picture sways by SWAY_MM."""
+    """A viewer with this eye distance in the camera picture who sways by SWAY_MM."""
     seat = (IMAGE.shape[1] / 2, IMAGE.shape[0] / 2, eyes_px)
     places = swayed(path(6.0, seat), SWAY_MM * eyes_px / Config().screen.eyes_mm, 0.5)
     return Script(name="sways", people=(person(places),), windows=(settled(6.0, rest=Rest(*seat)),))

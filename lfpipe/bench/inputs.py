@@ -32,13 +32,13 @@ from lfpipe.supervisor.process_table import SCORER
 Progress = Callable[[str, int, int], None]
 
 HEAD = ("source_seq", "t_ns", *COLUMNS, "visible", "phase")  # of a table of true eyes
-SIZE_PX = (640, 480)  # of the frames that a session asks of a camera
-# of the demo's sequence; longer ones are cut to its length
+SIZE_PX = (640, 480)  # of the frames that a session requests from a camera
+# of the demo sequence; longer ones are cut to its length
 RATE_HZ = 30.0
 STILL_S = 2.0
 MOVING_S = (2.5, 10.0)  # quick and full
-NOISE_DN = 2.0  # of a webcam in a room, by eye
-DEMO_SIDE_PX = (256, 512)  # of a view of the demo's scene: a quarter of the time, and its full size
+NOISE_DN = 2.0  # of an indoor webcam, visually estimated
+DEMO_SIDE_PX = (256, 512)  # of a view of the demo scene: a quarter of the time, and its full size
 
 
 Picture = NDArray[np.uint8]
@@ -50,7 +50,7 @@ class FrameSequence:
 
     path: Path
     frames: Callable[[], Iterator[Picture]]
-    """Reads its frames, uint8 (height, width, 3) BGR, from the first on."""
+    """Reads the frames, uint8 (height, width, 3) BGR, from the first on."""
     count: int
     size_px: tuple[int, int]
     rate_hz: float
@@ -60,21 +60,21 @@ class FrameSequence:
 
 @attrs.define(eq=False, kw_only=True, slots=False)
 class Inputs:
-    """Inputs, opened when a benchmark first asks for them.
+    """Inputs, opened on first use.
 
     Raises UserError if a path does not exist.
     """
 
     scene_path: Path | None = None
     sequence_path: Path | None = None
-    """None: the demo's scene and sequence."""
+    """None: the demo scene and sequence."""
     quick: bool
     settings: config.Config = attrs.Factory(config.Config)
     progress: Progress = lambda *_: None
     tracks: tuple[Path, ...] = ()
     """Recorded head tracks for the simulator."""
     about: dict[str, str] = attrs.Factory(dict)
-    """What is open, for the report."""
+    """Descriptions of the opened inputs, for the report."""
 
     def __attrs_post_init__(self) -> None:
         for path in (self.scene_path, self.sequence_path):
@@ -108,15 +108,15 @@ class Inputs:
         path = self.sequence_path or demo_sequence(self.work, moving_s)
         one = read_sequence(path, round((STILL_S + moving_s) * RATE_HZ))
         frames = f"{one.count} frames at {one.rate_hz:g} Hz"
-        truth = "truth known" if one.truth else "no truth"
+        truth = "with ground truth" if one.truth else "no ground truth"
         self.about["sequence"] = f"{one.path.name}: {frames}, {truth}"
         return one
 
 
 def read_sequence(path: Path, most_frames: int) -> FrameSequence:
-    """The first frames of a recorded sequence, a video, or pictures in a folder, and their truth:
-    that of the sequence, or PATH with the suffix .csv. Raises UserError if one of them cannot be
-    read.
+    """The first frames of a recorded sequence, a video, or pictures in a folder, and their ground
+    truth: that of the sequence, or PATH with the suffix .csv. Raises UserError if any of them is
+    unreadable.
     """
 
     def frames() -> Iterator[Picture]:
@@ -135,7 +135,7 @@ def read_sequence(path: Path, most_frames: int) -> FrameSequence:
     truth = table_of(table) if os.path.lexists(table) else None
     if truth is not None and len(truth.t_ns) < count:
         raise UserError(
-            f"{path}: has the truth of {len(truth.t_ns)} of {count} frames",
+            f"{path}: has true eyes for {len(truth.t_ns)} of {count} frames",
             "give one row per frame of the sequence",
         )
     return FrameSequence(
@@ -163,7 +163,7 @@ def write_video(
         if not writer.isOpened():
             raise UserError(
                 f"{path}: cannot be written",
-                "name a file in a folder that is writable, on a disk with room",
+                "choose a file in a writable folder, and check free disk space",
             )
         table = csv.writer(io.TextIOWrapper(file, write_through=True, newline=""))
         table.writerow(HEAD)
@@ -175,8 +175,8 @@ def write_video(
 
 
 def demo_sequence(folder: Path, moving_s: float) -> Path:
-    """The demo's viewer as a video with its truth, generated if missing: still for STILL_S, then on
-    the demo's path.
+    """The demo viewer as a video with ground truth, generated if missing: still for STILL_S, then
+    on the demo path.
 
     Every frame has its own sensor noise: a still face would otherwise be a constant picture.
     """

@@ -1,6 +1,4 @@
-"""The report of a run: one HTML page that begins with verdicts, with charts of error against run
-time.
-"""
+"""The report of a run: one HTML page with verdicts first, then charts of error against run time."""
 
 import base64
 import html
@@ -17,30 +15,29 @@ from lfpipe.files.output import write_output
 from lfpipe.host.machine import install_command
 
 # Errors that differ by less than this share, or by less than a benchmark's `Choice.difference`, are
-# equal for a verdict: the noise of short sequences, and what nobody sees.
+# equal for a verdict: noise of short sequences, and invisible differences.
 TIE = 0.05
 MARKERS = "osD^vPX<>h"
-# distinct with a colour vision deficiency
+# distinguishable with a colour vision deficiency
 COLOURS = ("#0072b2", "#d55e00", "#008a63", "#b1548f", "#8a6d00", "#4b4fc4", "#7a7f86")
 HOW = (
-    "<h2>How it was measured</h2><p class=soft>Times are CPU times of the thread, which other"
-    " programs hardly change. Each is the median of repetitions, interleaved in random order, with"
+    "<h2>Method of measurement</h2><p class=soft>Times are CPU times of the thread, which other"
+    " programs hardly affect. Each is the median of repetitions, interleaved in random order, with"
     " its 95 % interval, or with the range of fewer than five; of many repetitions, the first"
     " does not count. Errors of sequences have 95 % intervals by resampling; ratios over scripts,"
-    " by resampling of the pairs. Figures of cameras and screens have their range over the phases"
+    " by resampling of the pairs. Metrics of cameras and screens have their range over the phases"
     " of the camera against the screen. results.json has every repetition. Axes are logarithmic;"
     " an exact 0 is drawn at the edge. Lower left is better. Square, bold: in use by default. Star,"
-    " red: the"
-    " paper.</p>"
+    " red: the paper.</p>"
 )
 CITE = (
     "<h2>To cite</h2><p class=soft>Cite lfpipe by CITATION.cff of its repository; state the"
     " version, the machine and the command above.</p>"
 )
 WHAT_FAILED = (
-    "<h2>What failed</h2><p class=soft>Failed: an exception, a number that is not finite, or a"
-    " figure beyond the limit of its table. Degraded: within that limit, but worse than ok. What"
-    " only other settings reach does not concern a session with the defaults.</p>"
+    "<h2>Failures</h2><p class=soft>Failed: an exception, NaN, infinity, or a metric beyond the"
+    " limit of its table. Degraded: within that limit, but worse than ok. Cases that only other"
+    " settings reach do not concern sessions with the defaults.</p>"
 )
 NO_CHARTS = (
     "<p>Without charts: matplotlib is not installed"
@@ -51,10 +48,10 @@ Verdict = tuple[str, str, str, str]
 
 
 def verdict(benchmark: Benchmark, results: Results) -> Verdict | None:
-    """The choice of a benchmark: the least error among what fits its limit of cost; what is in use,
-    if that ties; undecided where an interval contains the limit. Returns the key of the
-    configuration, what to use for this machine and these inputs, why, and its cost; None for a
-    benchmark that decides nothing, or if nothing has both an error and a cost.
+    """The choice of a benchmark: the least error among methods within its limit of cost; the method
+    in use if it ties; undecided if an interval contains the limit. Returns the configuration key,
+    the recommendation for this machine and these inputs, the reason, and the cost; None if the
+    benchmark decides nothing, or no method has both an error and a cost.
     """
     choice = benchmark.choice
     if choice is None:
@@ -75,7 +72,9 @@ def verdict(benchmark: Benchmark, results: Results) -> Verdict | None:
     limit = f"{short(choice.limit)} {cost.unit} ({choice.reason})"
     if better:
         best = min(better, key=lambda row: row.value(error.key))
-        why = f"{_cost(best, cost)}: the interval contains the limit, {limit}; measure it alone"
+        why = (
+            f"{_cost(best, cost)}: the interval contains the limit, {limit}; measure it separately"
+        )
         return choice.key, f"undecided: {_named(best)}", why, _cost(best, cost)
     if not fitting:
         best = min(known, key=lambda row: row.value(cost.key))
@@ -90,7 +89,7 @@ def verdict(benchmark: Benchmark, results: Results) -> Verdict | None:
         why = f"{error.label} {best.values[error.key].text} {error.unit}".rstrip()
         why += f", {rank} of the {len(fitting)} methods{at} that take at most {limit}"
         paper = next((row for row in measured if row.paper), None)
-        for what, row in (("the paper's way", paper), ("in use now", used)):
+        for what, row in (("the paper's method", paper), ("in use now", used)):
             if row is not None and row is not best:
                 figures = f"{short(row.value(error.key))} for {short(row.value(cost.key))}"
                 why += f"; {what} ({row.name}): {figures} {cost.unit}"
@@ -126,7 +125,7 @@ def write_report(results: dict[str, Results], out: Path) -> Path:
 
 def _verdicts(pairs: Pairs) -> str:
     rows = [one for pair in pairs if (one := verdict(*pair))]
-    head = ("setting", "for this machine and these inputs", "why", "what it costs")
+    head = ("setting", "for this machine and these inputs", "reason", "cost")
     text = html_table(head, rows) if rows else ""
     for benchmark, results in pairs:
         judged = [value for *_, value in results.judged()]
@@ -136,14 +135,12 @@ def _verdicts(pairs: Pairs) -> str:
         if others:
             counts += f"; {others} not ok, reached only with other settings"
         if judged:
-            text += f"<p>{html.escape(benchmark.title)}: of what is in use {counts}.</p>"
+            text += f"<p>{html.escape(benchmark.title)}: of the defaults, {counts}.</p>"
     return f"<h2>Verdicts</h2>{text}" if text else ""
 
 
 def _failures(pairs: Pairs) -> str:
-    """What failed: methods that raised an exception, and judged values, each with whether it
-    matters.
-    """
+    """Failures: methods that raised an exception, and judged values, each with its relevance."""
     rows = [
         (benchmark.title, name, why, "yes")
         for benchmark, results in pairs
@@ -162,8 +159,8 @@ def _failures(pairs: Pairs) -> str:
         rows.append((title, "; ".join(dict.fromkeys(cases)), what, matters))
     rows.sort(key=lambda row: (row[3].startswith("only"), row[2].startswith("degraded")))
     if not rows:
-        return "<h2>What failed</h2><p>Nothing.</p>"
-    return WHAT_FAILED + html_table(("where", "case", "what", "does it matter?"), rows)
+        return "<h2>Failures</h2><p>None.</p>"
+    return WHAT_FAILED + html_table(("where", "case", "result", "relevant"), rows)
 
 
 def _section(benchmark: Benchmark, results: Results) -> str:
@@ -186,7 +183,7 @@ def _section(benchmark: Benchmark, results: Results) -> str:
                 row.values[one.key].state if one.key in row.values else "" for one in table.filled
             )
             classes.append([marks, *(marks + state for state in states)])
-        title = html.escape(table.title or f"All figures of {len(table.rows)} methods")
+        title = html.escape(table.title or f"All metrics of {len(table.rows)} methods")
         note = html.escape(table.note or "■ in use, ★ the paper.")
         text += f"<details><summary>{title}</summary><p class=soft>{note}</p>"
         text += f"{html_table(head, body, classes)}</details>"
@@ -196,7 +193,7 @@ def _section(benchmark: Benchmark, results: Results) -> str:
 
 
 def chart(benchmark: Benchmark, results: Results, x: str, y: str) -> str:
-    """The chart of two columns on logarithmic axes, an image of HTML; "" if it holds no point, or
+    """The chart of two columns on logarithmic axes, as an HTML image; "" if it has no points, or
     without matplotlib.
     """
     rows = [row for row in results.rows if row.value(x) >= 0 and row.value(y) >= 0]

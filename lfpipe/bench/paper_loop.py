@@ -1,9 +1,8 @@
-"""The paper's pipeline as one plain loop in one process: the reference that `lfpipe` is compared
-with.
+"""The paper's pipeline as one plain loop in one process: the reference for `lfpipe`.
 
 video frame -> FaceMesh -> mean of 16 landmarks around each eye -> k-frame moving average -> nearest
-view of the grid laid over the camera picture -> red of the left view, green and blue of the right.
-It uses nothing from lfpipe except the landmarks' numbers and the writer of the trace.
+view of the grid mapped to the camera picture -> red of the left view, green and blue of the right.
+It uses nothing from lfpipe except the landmark indices and the trace writer.
 """
 
 import itertools
@@ -25,8 +24,8 @@ from numpy.typing import NDArray
 from lfpipe.files.trace import TraceFile
 from lfpipe.track.landmarks import LEFT_EYE, RIGHT_EYE
 
-WARM_UP = 10  # frames, not counted
-PRELOADED = 600  # frames held in memory
+WARM_UP = 10  # frames that do not count
+PRELOADED = 600  # frames in memory
 MEAN_OF = 5  # frames, of the moving average
 SIDES = ("left", "right")
 
@@ -45,7 +44,7 @@ class Loop:
     grid: tuple[int, int]
     size_px: tuple[int, int] = (640, 480)
     decode: bool = True
-    """Whether to decode frames inside the loop, not before it."""
+    """Whether to decode frames inside the loop instead of before it."""
     trace: str = ""
     """File for the trace."""
 
@@ -55,7 +54,7 @@ def frames(
 ) -> Iterator[tuple[int, NDArray[np.uint8]]]:
     """Yields indices in the video and BGR frames, forever.
 
-    decode: on demand; else PRELOADED frames before the first.
+    decode: on demand; else PRELOADED frames in advance.
     """
     capture = cv2.VideoCapture(video)
 

@@ -35,7 +35,7 @@ from lfpipe.sequence.eyes import Truth
 from lfpipe.sequence.folder import is_sequence
 from lfpipe.track.models import package_folder
 
-PAPER_ALPHA_PX = 12.0  # px of the camera per view: chosen by hand, as the paper does
+PAPER_ALPHA_PX = 12.0  # px of the camera per view: chosen by hand, as in the paper
 STEADY_S = 1.0  # after the first picture every stage has started and found the face
 MIN_S, MAX_S = 1.0, 16.0  # of a measured session: enough for a median; the whole demo sequence
 # of an aligned trace
@@ -48,17 +48,17 @@ Float = NDArray[np.float64]
 
 @attrs.frozen
 class SessionRun:
-    """What a process showed, and at what cost."""
+    """The pictures that a process showed, and their cost."""
 
     rows: Trace
     started_ns: int
-    """When the process was started."""
+    """Start time of the process."""
     cpu_ms_s: float
-    """CPU of all processes without the start, in ms per second."""
+    """CPU time of all processes, without startup, in ms per second."""
 
     @property
     def first_s(self) -> float:
-        """From the start of the process to its first picture."""
+        """Time from the start of the process to its first picture."""
         return float(self.rows[0]["t_presented_ns"] - self.started_ns) / 1e9
 
     @property
@@ -78,7 +78,7 @@ def _cpu_ms() -> float:
 
 
 def settings_of(file: str, sets: Sequence[str] = ()) -> dict[str, Any]:
-    """Every key with its value, of a configuration file or a preset with changes."""
+    """All keys with their values, of a configuration file or a preset with changes."""
     return {str(key): value for key, value in flat(converter().unstructure(load(file, sets)))}
 
 
@@ -97,7 +97,7 @@ def run_session(
             camera=f"file:{video}?loop=1" + (f"&pace={pace}" if pace else ""),
             display="none",
             trace=trace,
-            # measure the requested quality even if it is too slow
+            # measure the requested quality even if the machine is too slow for it
             settings={**settings, "governor.quality": "fixed"},
         )
         with session:
@@ -154,15 +154,16 @@ def displayed_errors(
     centre_px: tuple[float, float],
     grid: tuple[int, int],
 ) -> Metrics:
-    """RMS over both eyes while they are visible, and while a picture is on the screen: error_views,
-    the distance of the viewpoint on screen from that of the true eyes; error_px, of the eyes that
-    the picture was made for; jitter_px, their deviation from the mean of each rest, from STILL_MS
-    after its start, if there is any.
+    """RMS errors over both eyes while they are visible and a picture is on the screen: error_views,
+    the distance between the viewpoint on screen and that of the true eyes; error_px, of the eyes
+    that the picture was rendered for; jitter_px, their deviation from the mean of each rest, from
+    STILL_MS after its start, if there is any.
 
     rows: of a trace, in order; only the first round of a looped file and the time after SKIP_NS
-    count, as every tracker searches for the face first. A picture's frame aligns the clocks: the
-    truth at time t is the truth at the frame's own time plus t - t_sensor_ns. alpha_px, centre_px:
-    of the mapping that made the trace. grid: rows, cols. Raises ValueError if nothing remains.
+    count, because every tracker first searches for the face. A picture's frame aligns the clocks:
+    the truth at time t is the truth at the frame's own time plus t - t_sensor_ns. alpha_px,
+    centre_px: of the mapping that made the trace. grid: rows, cols. Raises ValueError if no row
+    remains.
     """
     rows = [
         row
@@ -170,7 +171,7 @@ def displayed_errors(
         if row["t_presented_ns"] and row["eyes_used"] and row["source_seq"] < len(truth.t_ns)
     ]
     if not rows:
-        raise ValueError("the trace holds no picture made for eyes")
+        raise ValueError("the trace contains no picture with eyes")
     presented_ns = np.array([row["t_presented_ns"] for row in rows])
     sensor_ns = np.array([row["t_sensor_ns"] for row in rows])
     offset_ns = truth.t_ns[[row["source_seq"] for row in rows]] - sensor_ns
@@ -202,7 +203,7 @@ def displayed_errors(
 
 
 def _pairs(rows: Trace, name: str) -> Float:
-    """What a trace holds for both eyes, (n, 2, 2)."""
+    """A field of a trace for both eyes, (n, 2, 2)."""
     return np.array([[row[name][side] for side in SIDES] for row in rows], np.float64)
 
 
@@ -212,7 +213,7 @@ def _eye_distance(offsets: Float) -> float:
 
 
 def _alpha_px(inputs: Inputs) -> float:
-    """px per view that keeps the eyes of the sequence within the grid, so that every method can
+    """px per view at which the eyes of the sequence stay within the grid, so that every method can
     show the correct view.
     """
     truth = inputs.sequence.truth
@@ -224,16 +225,16 @@ def _alpha_px(inputs: Inputs) -> float:
 
 
 def measure(inputs: Inputs) -> Iterator[Offer]:
-    """Clock x method, the paper's configuration and its plain loop."""
+    """Yields clock x method, the paper's configuration, and its plain loop."""
     field = inputs.field
     sequence = inputs.sequence
     if field.rows * field.cols == 1:
-        yield "pipeline: one view: nothing follows the eyes"
+        yield "pipeline: with one view, no picture depends on the eyes"
         return
     if sequence.truth is None:
         yield (
-            f"error of the viewpoint shown: {sequence.path.name} has no truth; only latency and CPU"
-            " are measured"
+            f"error of the viewpoint shown: {sequence.path.name} has no ground truth; only latency"
+            " and CPU are measured"
         )
     if inputs.quick:
         yield (
@@ -242,7 +243,7 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
         )
     best = field.method if field.method.startswith("warp") else "blend"
     if best == "blend":
-        yield "warped views: the scene has no disparity, or blending is as good"
+        yield "warped views: the scene has no disparity, or blending is equally good"
     alpha_px = _alpha_px(inputs)
     width_px, height_px = sequence.size_px
     common = {

@@ -1,5 +1,5 @@
-"""The one form of all results: tables of rows, which everything else prints, draws, judges, saves
-or compares.
+"""The common format of all results: tables of rows, to be printed, drawn, judged, saved or
+compared.
 """
 
 import json
@@ -21,8 +21,8 @@ from lfpipe.files.untrusted import json_fields
 FORMAT = "lfpipe-bench-8"
 MAX_BYTES = 16 << 20  # of results.json; a full run of all benchmarks writes 0.2 MB
 Metrics = dict[str, float]  # by the key of a column
-RESAMPLED = 2000  # times, for the interval of an error
-MIN_ROUNDS = 5  # of an interval of the median
+RESAMPLED = 2000  # rounds of resampling for the interval of an error
+MIN_ROUNDS = 5  # repetitions for an interval of the median
 R = TypeVar("R")
 C = TypeVar("C")
 State = Literal["", "ok", "degraded", "failed"]
@@ -51,7 +51,7 @@ class Value:
     high: float = attrs.Factory(lambda self: self.value, takes_self=True)
     """95 % interval, or the range of few repetitions; the value itself if none is known."""
     words: str = ""
-    """Text in place of the number."""
+    """Text instead of the number."""
     state: State = ""
     only: str = ""
     """The setting that reaches the value; "": reached with the default settings."""
@@ -65,7 +65,7 @@ class Value:
 
 @attrs.frozen
 class Row:
-    """A measured method, which is a point of a chart, or a case."""
+    """A measured method (a point in a chart), or a case."""
 
     name: str
     values: dict[str, Value]
@@ -74,14 +74,14 @@ class Row:
     parameter: str = ""
     """The setting that varies along the curve."""
     paper: bool = False
-    """Whether the paper does it so."""
+    """Whether this is the paper's method."""
     used: bool = False
-    """Whether lfpipe does it so by default."""
+    """Whether this is lfpipe's default."""
     samples: tuple[Metrics, ...] = ()
-    """Of every repetition, in the order in which they ran."""
+    """The metrics of every repetition, in execution order."""
 
     def value(self, key: str) -> float:
-        """A figure as one number; NaN if it was not measured."""
+        """A metric as one number; NaN if it was not measured."""
         return self.values[key].value if key in self.values else math.nan
 
 
@@ -90,7 +90,7 @@ class Table:
     """Rows of values by column."""
 
     of: str
-    """What a row is."""
+    """The kind of the rows."""
     columns: tuple[Column, ...]
     rows: tuple[Row, ...]
     title: str = ""
@@ -137,8 +137,8 @@ def judged_table(
     judge: Callable[[R, C], tuple[str, State]],
     only: Callable[[R, C], str] = lambda _row, _column: "",
 ) -> Table:
-    """A table of judged values, by the names of rows and columns. of: what a row is. judge: returns
-    words and state; an exception counts as failed. only: the setting that reaches the value.
+    """A table of judged values, by the names of rows and columns. of: the kind of the rows. judge:
+    returns text and state; an exception counts as failed. only: the setting that reaches the value.
     """
 
     def value(row: R, column: C) -> Value:
@@ -157,7 +157,7 @@ def judged_table(
 
 
 def judged_error(worst: float, ok: float, degraded: float) -> tuple[str, State]:
-    """The worst error as words, and its state: ok up to `ok`, degraded up to `degraded`, failed
+    """The worst error as text, and its state: ok up to `ok`, degraded up to `degraded`, failed
     above and for NaN.
     """
     state: State = "degraded" if worst <= degraded else "failed"
@@ -173,7 +173,7 @@ class Results:
     failures: dict[str, str] = attrs.Factory(dict)
     """Methods that raised an exception, with the reason."""
     left_out: list[str] = attrs.Factory(list)
-    """What was not measured, and why."""
+    """Omitted measurements, with the reason."""
     about: dict[str, str] = attrs.Factory(dict)
     """Command, inputs, start."""
     wall_s: float = 0.0
@@ -199,8 +199,8 @@ def rms(values: ArrayLike) -> float:
 
 
 def timing(samples: Sequence[float]) -> Value:
-    """The median with its 95 % interval by order statistics, for any distribution; the range of
-    fewer samples than MIN_ROUNDS, which have no such interval.
+    """The median with its 95 % interval by order statistics, for any distribution; for fewer
+    samples than MIN_ROUNDS, which have no such interval, with the range.
     """
     ordered = sorted(samples)
     n = len(samples)
@@ -224,7 +224,7 @@ def mean_of(samples: Sequence[float], power: int = 1) -> Value:
 
 def ratio_of(samples: Sequence[float], base: Sequence[float]) -> Value:
     """The geometric mean of samples / base with its 95 % interval, by resampling of the pairs. All
-    are > 0.
+    values must be > 0.
     """
     value = mean_of(np.log(np.divide(samples, base)).tolist())
     return Value(math.exp(value.value), math.exp(value.low), math.exp(value.high))

@@ -34,7 +34,7 @@ from lfpipe.host.processes import usable_cores
 
 FILES = ("results.json", "report.html")
 Repetition = Callable[[], Metrics]  # takes one sample of each time
-# the errors of a method, and what times it once; None if nothing is timed
+# the errors of a method, and the function that times it once; None if it is not timed
 Prepared = tuple[dict[str, Value], Repetition | None]
 
 
@@ -53,14 +53,14 @@ class Variant:
         return f"{self.curve}, {self.parameter}" if self.parameter else self.curve
 
 
-Offer = Variant | Table | str  # a text says what is left out, and why
+Offer = Variant | Table | str  # text: an omitted measurement, with the reason
 
 
 def measure(
     names: Sequence[str], inputs: Inputs, out: Path, progress: Progress
 ) -> dict[str, Results]:
     """Measures the named benchmarks, and writes out/results.json after each. Returns all results in
-    it: other benchmarks' stay.
+    it, including those of other benchmarks.
 
     Raises UserError if out cannot be written.
     """
@@ -83,7 +83,7 @@ def measure(
 def opened(out: Path) -> dict[str, Results]:
     """Makes the folder and returns the results in it.
 
-    Raises UserError if it has files of these names that are not ours.
+    Raises UserError if it contains files of these names that lfpipe did not write.
     """
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -93,17 +93,17 @@ def opened(out: Path) -> dict[str, Results]:
         ) from None
     for name in FILES:
         check_output(out / name, writes=RESULTS)
-    with contextlib.suppress(UserError):  # nothing yet, or of another version
+    with contextlib.suppress(UserError):  # no results yet, or of another version
         return read(out)
     return {}
 
 
 def run(benchmark: Benchmark, offers: Iterable[Offer], quick: bool, progress: Progress) -> Results:
-    """Measures a benchmark. A variant that raises, or returns a number that is not finite, is a
-    failure with the reason.
+    """Measures a benchmark. A variant that raises, or returns NaN or infinity, is recorded as a
+    failure.
 
-    Rounds of one repetition each, in a new order every round: other load on the machine affects all
-    alike. The first of more than MIN_ROUNDS does not count.
+    Every round runs one repetition of each variant in a new order, so that other load on the
+    machine affects all alike. The first of more than MIN_ROUNDS does not count.
     """
     cv2.setNumThreads(1)  # as in a session
     started_s = time.monotonic()
@@ -136,7 +136,7 @@ def run(benchmark: Benchmark, offers: Iterable[Offer], quick: bool, progress: Pr
     rows = []
     for one in variants:
         if one.name not in results.failures:
-            # where there are enough, without the first repetition: caches are cold
+            # if there are enough, without the first repetition: caches are cold
             taken = samples[one.name][rounds > MIN_ROUNDS :]
             times = (
                 {key: timing([sample[key] for sample in taken]) for key in taken[0]}
@@ -164,7 +164,7 @@ def run(benchmark: Benchmark, offers: Iterable[Offer], quick: bool, progress: Pr
 
 @contextlib.contextmanager
 def _failing(name: str, results: Results) -> Iterator[None]:
-    """Any exception of a method is its result; the others go on."""
+    """Records any exception of a method as its result; the others continue."""
     try:
         yield
     except Exception as error:
@@ -179,7 +179,7 @@ def _check(metrics: Metrics) -> None:
 def cpu_ms(
     call: Callable[[], object], count: int, clock_ns: Callable[[], int] = time.thread_time_ns
 ) -> float:
-    """CPU time of this thread per call, mean of count calls: other programs do not change it.
+    """CPU time of this thread per call, mean of count calls; independent of other programs.
     clock_ns: time.process_time_ns counts all threads.
     """
     start_ns = clock_ns()
@@ -189,7 +189,7 @@ def cpu_ms(
 
 
 def conditions() -> dict[str, str]:
-    """What results depend on besides their inputs: time, command, machine, versions."""
+    """Conditions of the results besides their inputs: time, command, machine, versions."""
     packages = versions()
     load = f"load {os.getloadavg()[0]:.2f}"
     return {

@@ -1,5 +1,5 @@
-"""Benchmark: stiff and extreme cases of numerics: the filters against their undisturbed run, eyes
-to viewpoints, and views at the ends of the range. Values are ok, degraded or failed.
+"""Benchmark: stiff and extreme numerical cases: the filters against their undisturbed run, eyes to
+viewpoints, and views at the ends of the range. Values are ok, degraded or failed.
 """
 
 import itertools
@@ -25,15 +25,15 @@ from lfpipe.transport.clock import MS_NS
 
 FILTERS = tuple(FILTER_MODULES)  # the default one first
 RATES_HZ = (15, 30, 60, 120, 240)  # of webcams in the dark to high-speed cameras
-EYES = np.array([[350.0, 240.0], [290.0, 242.0]])  # px, of somebody before the middle of 640x480
+EYES = np.array([[350.0, 240.0], [290.0, 242.0]])  # px, near the middle of 640x480
 EYE_DISTANCE_PX = 60.0  # of EYES
-AHEAD_MS = 100  # a usual time from exposure to light
+AHEAD_MS = 100  # typical time from exposure to display
 Float = NDArray[np.float64]
 LAST_NS = 2**63 - 1
 
 
-# Name -> what is added to the stamp (ns) and to the eyes (px) of a frame. The tracker's gate would
-# refuse values that are not finite or out of all proportion: they count as no face.
+# Name -> offsets of the stamp (ns) and of the eyes (px) of a frame. The tracker's gate would reject
+# NaN, infinite and absurdly large values: they count as no face.
 DISTURBANCES: dict[str, tuple[int, Float | float]] = {
     "wrong by half an eye distance": (0, np.array((EYE_DISTANCE_PX / 2, 0.0))),
     "one eye wrong by an eye distance": (0, np.array(((EYE_DISTANCE_PX, 0.0), (0.0, 0.0)))),
@@ -50,8 +50,8 @@ def disturbed(
     name: str, what: str, rate_hz: int, moving: bool, frames: int = 1
 ) -> tuple[float, float]:
     """The effect of a disturbance of `frames` successive frames on a filter: the largest distance
-    from its undisturbed run, in eye distances AHEAD_MS ahead, and the seconds until it stays below
-    2 %; infinite if any output is not finite.
+    from its undisturbed run, in eye distances, predicted AHEAD_MS ahead, and the seconds until the
+    distance stays below 2 %; infinity if any output is not finite.
 
     The head rests, or sways by 100 px at half a hertz; then stamps jitter by a tenth of the period,
     and every ninth is a duplicate of its predecessor.
@@ -95,9 +95,9 @@ def filter_table(rates_hz: tuple[int, ...], moving: bool, frames: int) -> Table:
     title = f"Filters after {'one bad frame' if frames == 1 else 'two bad frames'}, "
     title += "a moving head, jittered and duplicate stamps" if moving else "a head at rest"
     note = (
-        f"Largest distance from the run without it in eye distances, {AHEAD_MS} ms ahead, and how"
-        " long it stays above 2 %. ok: at most 1.5 and 0.7 s; failed: longer than 1.5 s, or not"
-        " finite."
+        f"Largest distance from the undisturbed run in eye distances, {AHEAD_MS} ms ahead, and the"
+        " time that it stays above 2 %. ok: at most 1.5 and 0.7 s; failed: longer than 1.5 s, or"
+        " not finite."
     )
     cases = {
         f"{what}, {rate} Hz": (what, rate)
@@ -112,8 +112,8 @@ def _only(_case: object, name: str) -> str:
 
 
 def mapping_error(alpha_px: float, u: float, count: int = 9, reach: float = 2.0) -> float:
-    """Distance in views between the mapping and the same in long double, before the clamp; infinite
-    if it is not finite, leaves the zone, or is wrong in its clamp.
+    """Distance in views between the mapping and the same in long double, before clamping; infinity
+    if it is not finite, leaves the zone, or is clamped wrongly.
     """
     solver = ViewSolver(count, count, Render(extrapolate_views=reach), alpha_px, (320.0, 240.0))
     views = np.array([col for _, col in solver.views((u, 240.0, u - 60.0, 240.0))])
@@ -129,7 +129,7 @@ def mapping_error(alpha_px: float, u: float, count: int = 9, reach: float = 2.0)
 
 
 def mapping_table() -> Table:
-    """Eyes and alpha over the whole range of floats."""
+    """Results for eyes and alpha over the whole range of floats."""
     eyes = (320.0, 0.0, -1e3, 1e6, 1e18, 1e308, 5e-324, math.inf, -math.inf, math.nan)
     alphas = (1e-9, 1e-3, 1.0, 12.0, 1e3, 1e9)
     note = "Error in views against long double, with 9 views and 2 views of extrapolation."
@@ -184,8 +184,8 @@ def error_at_stored_views(field: LightField, method: str) -> float:
 
 def error_at_extremes(field: LightField, method: str) -> float:
     """Composes at impossible viewpoints (NaN, infinities, far outside, tiny fractions) with and
-    without a plane of the screen in depth. Returns the largest difference between pictures with
-    equal keys, which must be equal.
+    without a zero plane. Returns the largest difference between pictures with equal keys, which
+    must be equal.
     """
     values = (math.nan, math.inf, -math.inf, 1e308, -1e308, 5e-324, 0.5, field.cols - 1 + 1e-12)
     worst = 0.0
@@ -204,7 +204,7 @@ def error_at_extremes(field: LightField, method: str) -> float:
 
 
 def synthesis_table(inputs: Inputs) -> Table:
-    """The scene, and generated light fields of extreme sizes and disparities."""
+    """Results for the scene, and for generated light fields of extreme sizes and disparities."""
     scene = attrs.evolve(inputs.field, views=inputs.field.views[:1])
     offset = extreme_field(3, 3, 32, 32, 2.0)
     offset.offsets[:] = np.random.default_rng(3).normal(0, 3, offset.offsets.shape)
@@ -240,8 +240,8 @@ def synthesis_table(inputs: Inputs) -> Table:
 
     note = (
         "Stored views: largest difference in levels from the stored view. Extremes: viewpoints of"
-        " NaN, infinities, 1e308, 5e-324, a plane of the screen of 900 px; pictures with equal keys"
-        " must be equal, and nothing may raise."
+        " NaN, infinities, 1e308, 5e-324, a zero plane of 900 px; pictures with equal keys must be"
+        " equal, without any exception."
     )
     columns = {
         f"{method}: {check}": (method, check)

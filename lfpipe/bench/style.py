@@ -28,7 +28,7 @@ summary { cursor: pointer; margin: .4rem 0; } code { font-size: .9em; overflow-w
 
 
 def document(title: str, body: str) -> str:
-    """A page that stands alone. body: HTML."""
+    """A self-contained page. body: HTML."""
     return (
         '<!doctype html><!-- written by lfpipe --><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width">'

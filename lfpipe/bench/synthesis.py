@@ -1,5 +1,5 @@
-"""Benchmark: views between and beyond the stored ones: error on held-out views, continuity, time
-per picture.
+"""Benchmark: synthesis of views between the stored ones: error on held-out views, continuity, and
+time per picture.
 """
 
 import itertools
@@ -21,7 +21,7 @@ from lfpipe.render.synthesis.viewpoint import Position
 from lfpipe.scene.disparity import estimate_disparity, quantised, scale_for
 from lfpipe.scene.lightfield import LightField
 
-# views between two pictures of a sweep; left-out views, quick and full
+# views between two pictures of a sweep; held-out views, quick and full
 SWEEP_STEP = 0.05
 MAX_VIEWS = (10, 40)
 
@@ -39,7 +39,7 @@ def subsample(field: LightField, rows: Sequence[int], cols: Sequence[int]) -> Li
         views=np.ascontiguousarray(np.asarray(field.views)[:1, rows][:, :, cols]),
         offsets=np.ascontiguousarray(field.offsets[rows][:, cols]) / np.float32(step),
         present=np.ones((len(rows), len(cols)), bool),
-        # scores are of all views: by them, a cross-fade would be drawn in place of a warp
+        # scores refer to all views: with them, a cross-fade would replace a warp
         manifest=attrs.evolve(field.manifest, scores={}),
     )
     if field.disparity is None:
@@ -60,14 +60,14 @@ def subsample(field: LightField, rows: Sequence[int], cols: Sequence[int]) -> Li
 
 
 def _step(rows: Sequence[int], cols: Sequence[int]) -> int:
-    """The step between kept views: the same on both axes, as disparity is per step of the grid."""
+    """The step between kept views: the same on both axes, because disparity is per grid step."""
     return next((kept[1] - kept[0] for kept in (cols, rows) if len(kept) > 1), 1)
 
 
 def left_out(
     field: LightField, rows: Sequence[int], cols: Sequence[int]
 ) -> dict[Position, NDArray[np.uint8]]:
-    """The views between those of `subsample`, by their places among them."""
+    """The views between those of `subsample`, by their positions in its grid."""
     step = _step(rows, cols)
     return {
         ((r - rows[0]) / step, (c - cols[0]) / step): np.asarray(field.views[0, r, c])
@@ -86,7 +86,7 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
     field = inputs.field
     if 2 in field.views.shape[1:3] or max(field.rows, field.cols) < 3:
         yield (
-            f"error on left-out views: a grid of {field.rows}x{field.cols} has no view to leave out"
+            f"error on held-out views: a grid of {field.rows}x{field.cols} has no view to hold out"
         )
         return
     methods = [
@@ -95,7 +95,7 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
     if len(methods) < len(METHODS):
         yield "warped views: the scene has no disparity"
     if min(field.rows, field.cols) == 1:
-        yield "viewpoints off the line: one line of views: all left-out views lie on it"
+        yield "viewpoints off the line: one line of views contains all held-out views"
     every_2nd = range(0, field.rows, 2), range(0, field.cols, 2)
     kept = cache(partial(subsample, field, *every_2nd))  # shared
     between = list(left_out(field, *every_2nd).items())
@@ -126,14 +126,14 @@ def _prepare(
         "psnr_db": mean_of([psnr_db(square) for square in squares]),
         "jump": Value(_jump(kept_field, renderer)),
     }
-    places = itertools.cycle((place, place) for place in truth)  # where the error is measured
+    places = itertools.cycle((place, place) for place in truth)  # positions of the held-out views
     picture = partial(cpu_ms, lambda: compositor.compose(*next(places)), len(truth))
     return metrics, lambda: {"cpu_ms": picture()}
 
 
 def _jump(kept_field: LightField, renderer: ViewRenderer) -> float:
-    """Largest over mean difference between pictures SWEEP_STEP views apart, over two steps of the
-    grid: 1 is even motion, 1 / SWEEP_STEP is a jump from view to view.
+    """Largest over mean difference between pictures SWEEP_STEP views apart, over two grid steps: 1
+    means even motion, 1 / SWEEP_STEP a jump from view to view.
     """
     along = kept_field.cols > 1
     count, across = (

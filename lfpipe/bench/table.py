@@ -2,8 +2,8 @@
 45 others and compare.
 
 PSNR and SSIM of luma are averaged over the synthesised views of a scene. The 7x7 views are the
-central ones of 9x9 (DistgASR). Smaller grids use the largest square that fits; the name of the row
-says so.
+central ones of 9x9 (DistgASR). Smaller grids use the largest square that fits, given in the row's
+name.
 """
 
 import importlib.util
@@ -29,7 +29,7 @@ from lfpipe.render.synthesis.scoring import psnr_db
 from lfpipe.render.synthesis.viewpoint import Position
 from lfpipe.scene.lightfield import LightField
 
-SIDE = 7  # views per side in the printed protocol
+SIDE = 7  # views per side in the published protocol
 # ITU-R BT.601, 16 to 235, as MATLAB's rgb2ycbcr
 LUMA = np.array([65.481, 128.553, 24.966]) / 255
 BLACK = 16.0
@@ -39,12 +39,12 @@ Float = NDArray[np.float64]
 
 @attrs.frozen
 class Protocol:
-    """How views are left out and compared."""
+    """The protocol for holding out and comparing views."""
 
     keep: int = 2
     """Kept views per side."""
     border_px: int = 22
-    """Shaved off each side before comparing."""
+    """Cropped from each side before comparing."""
     timed: bool = True
     """Whether to measure the time per picture."""
 
@@ -93,14 +93,14 @@ def check_libraries() -> None:
 
 
 def kept_views(count: int, keep: int) -> range:
-    """Indices of the kept views along an axis, evenly spaced among the central ones; the only one
-    of a single view.
+    """Indices of the kept views along an axis, evenly spaced among the central ones; a single view
+    is kept.
 
-    Raises ValueError if no view lies between them.
+    Raises ValueError if no view is between them.
     """
     step = (min(SIDE, count) - 1) // (keep - 1)
     if count > 1 and step < 2:
-        raise ValueError(f"{count} views in a line: none lies between {keep} kept ones")
+        raise ValueError(f"{count} views in a line: none is between {keep} kept ones")
     first = (count - 1 - step * (keep - 1)) // 2
     return range(first, first + step * (keep - 1) + 1, max(step, 1))
 
@@ -109,8 +109,8 @@ def measure(field: LightField, protocol: Protocol) -> Iterator[Variant]:
     """A variant for each method. Raises ValueError if the field does not fit the protocol."""
     axes = [kept_views(count, protocol.keep) for count in (field.rows, field.cols)]
     if field.rows == field.cols == 1:
-        raise ValueError("one view: nothing lies between")
-    # the same on both axes, as disparity is per step of the grid
+        raise ValueError("one view: no view can be held out")
+    # the same on both axes, because disparity is per grid step
     step = min(kept.step for kept in axes if len(kept) > 1)
     rows, cols = ([kept.start + k * step for k in range(len(kept))] for kept in axes)
     if not field.present[np.ix_(rows, cols)].all():
@@ -159,8 +159,8 @@ def measure_scenes(
 ) -> Results:
     """Every method on every scene.
 
-    scenes: (path, function that opens it); one that does not fit the protocol is left out. Raises
-    UserError if a library is missing.
+    scenes: (path, function that opens it); a scene that does not fit the protocol is skipped.
+    Raises UserError if a library is missing.
     """
     check_libraries()
     whole = Results(TABLE.name, about=conditions())
@@ -177,7 +177,7 @@ def measure_scenes(
             whole.left_out.append(f"{path.name}: {error}")
     note = (
         f"{protocol.keep}x{protocol.keep} views kept of the central 7x7, {protocol.border_px} px"
-        " shaved off each side."
+        " cropped from each side."
     )
     whole.tables = [Table("method, scene, views", TABLE.columns, tuple(rows), "", note)]
     return whole

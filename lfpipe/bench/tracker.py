@@ -18,7 +18,7 @@ from lfpipe.track.models import package_folder
 
 WIDTHS_PX = (640, 320), (640, 320, 160)  # quick and full
 REPETITION_FRAMES = 12  # of each repetition
-BLOCKS = 10  # stretches of a sequence, for the interval of its error: frames resemble each other
+BLOCKS = 10  # parts of a sequence, for the interval of its error: successive frames are similar
 
 
 def motion_errors(eyes: NDArray[np.float64], truth: NDArray[np.float64]) -> dict[str, Value]:
@@ -40,10 +40,11 @@ def motion_errors(eyes: NDArray[np.float64], truth: NDArray[np.float64]) -> dict
 
 
 def measure(inputs: Inputs) -> Iterator[Offer]:
-    """Engines x refine x input size."""
+    """Yields engines x refine x input size."""
     if inputs.sequence.truth is None:
         yield (
-            f"error of tracking: {inputs.sequence.path.name} has no truth; only times are measured"
+            f"tracking error: {inputs.sequence.path.name} has no ground truth; only times are"
+            " measured"
         )
     width_px, height_px = inputs.sequence.size_px
     offered = WIDTHS_PX[0 if inputs.quick else 1]
@@ -53,7 +54,7 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
     engines = list(choices("track.engine"))
     if package_folder() is None:
         engines.remove("mediapipe")
-        yield "engine mediapipe: the package is not installed here"
+        yield "engine mediapipe: the package is not installed"
     for name, refine, width in itertools.product(engines, (False, True), widths):
         size = (width, round(height_px * width / width_px))
         track = Track(engine=name, refine=refine)  # type: ignore[arg-type]

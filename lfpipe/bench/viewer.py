@@ -1,6 +1,4 @@
-"""Benchmark: what each eye sees, against what it should see, in the
-simulator.
-"""
+"""Benchmark: the picture of each eye against the exact one, in the simulator."""
 
 import itertools
 from collections.abc import Iterable, Iterator
@@ -29,11 +27,11 @@ from lfpipe.bench.simulator.scripts import MOVES_ABOUT, SCRIPTS, Script, recorde
 from lfpipe.config import FILTER_MODULES, Track
 from lfpipe.config.quality import METHODS
 
-PICTURES = (8, 24)  # compared of each script, quick and full
+PICTURES = (8, 24)  # of each script to compare, quick and full
 PHASES = (4, 12)  # of the camera against the screen, quick and full
 REPETITION_PICTURES = 8
 VIEWPOINTS_PER_SCENE = 8
-EYE_DISTANCE_VIEWS = 1.5  # between the eyes, at most, of the viewpoints of scenes
+EYE_DISTANCE_VIEWS = 1.5  # maximum eye distance of the viewpoints of scenes
 VIDEOS_HZ = (24.0, 25.0, 30.0, 50.0, 60.0)
 # scripts of the variants
 MOVING = ("sways at 0.5 Hz", "sways at 1 Hz", "sways at 2 Hz", "steps", "shakes", "leans in")
@@ -106,7 +104,7 @@ SCREENS = {
 
 
 def measure(inputs: Inputs) -> Iterator[Offer]:
-    """Scripts, scenes, cameras and screens; and error against run time."""
+    """Yields scripts, scenes, cameras and screens; and error against run time."""
     count = PICTURES[not inputs.quick]
     yield from script_tables([*SCRIPTS, *recorded(inputs.tracks)], count)
     yield from other_tables(PHASES[not inputs.quick])
@@ -114,7 +112,7 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
 
 
 def other_tables(phases: int) -> Iterator[Table]:
-    """What scenes, cameras and screens do."""
+    """The effects of scenes, cameras and screens."""
     yield scene_table()
     cameras = {name: Setup(camera=camera) for name, camera in CAMERAS.items()}
     screens = {name: Setup(screen=screen) for name, screen in SCREENS.items()}
@@ -123,19 +121,19 @@ def other_tables(phases: int) -> Iterator[Table]:
 
 
 def plain_loop(screen: Screen | None = None) -> Setup:
-    """The paper's way."""
+    """The paper's method."""
     return Setup(screen=screen or Screen(), track=None, method="nearest")
 
 
 @cache
 def watched(setup: Setup, script: Script) -> Run:
-    """What is on the screen for a script."""
+    """The pictures on the screen for a script."""
     return setup.watch(script)
 
 
 @cache
 def pictures_of(setup: Setup) -> Pictures:
-    """The pictures that it draws."""
+    """The pictures that a setup draws."""
     return Pictures(setup)
 
 
@@ -145,23 +143,23 @@ def viewpoints(setup: Setup, script: Script) -> Metrics:
 
 
 def script_tables(some: Iterable[Script], count: int) -> Iterator[Table]:
-    """What each script does to the viewpoints, and to `count` pictures of it."""
+    """The effects of each script on the viewpoints, and on `count` of its pictures."""
     some = list(some)
     note = (
-        "The demo's scene, a camera at 30 Hz, a screen at 60 Hz,"
-        f" {Screen().device_latency_ms:g} ms from exposure to light."
+        "The demo scene, a camera at 30 Hz, a screen at 60 Hz, a device latency of"
+        f" {Screen().device_latency_ms:g} ms."
     )
     steps = (
         " Step: the largest change from one refresh to the next that the true motion around it"
-        " does not explain. Until right: from an event until within 0.25 views. Lag: of a head in"
-        " motion."
+        " does not explain. Until right: from an event until the error is below 0.25 views. Lag:"
+        " with a head in motion."
     )
     rows = [_row(script.name, script_viewpoints(script)) for script in some]
     yield Table("script", VIEWPOINTS, tuple(rows), "Viewpoints by script", note + steps)
     rows = [_row(script.name, script_pictures(script, count)) for script in some]
     against = (
         " Against the exact picture for the true eyes, of both eyes, before the anaglyph; and L* of"
-        " the picture shown through each glass against the published matrix of the exact pictures."
+        " the picture seen through each filter against the published matrix of the exact pictures."
         " The plain loop: mean of 5 frames, a picture per frame, nearest views."
     )
     yield Table("script", PICTURE_COLUMNS, tuple(rows), "Pictures by script", note + against)
@@ -202,7 +200,7 @@ def script_pictures(script: Script, count: int) -> Metrics:
 
 
 def scene_table() -> Table:
-    """How every method draws every scene from the right viewpoint."""
+    """The error of every method for every scene, from the right viewpoint."""
     rows = []
     for name, method in itertools.product(SCENES, METHODS):
         scene = scene_of(name)
@@ -220,8 +218,8 @@ def scene_table() -> Table:
 
 
 def condition_table(title: str, of: str, setups: dict[str, Setup], phases: int) -> Table:
-    """What cameras, or screens, do to a moving viewer's viewpoints: the mean over phases of the
-    camera against the screen, and their range.
+    """The effect of cameras or screens on the viewpoints of a moving viewer: the mean and the range
+    over phases of the camera against the screen.
     """
     rows = []
     for name, setup in setups.items():
@@ -242,8 +240,8 @@ def condition_table(title: str, of: str, setups: dict[str, Setup], phases: int) 
 
 
 def condition(setup: Setup, video: bool) -> Metrics:
-    """The values of the columns CONDITION_COLUMNS. video: those of videos and the plain loop,
-    too.
+    """The values of the columns CONDITION_COLUMNS. video: include those of videos and the plain
+    loop.
     """
     run = watched(setup, MOVES_ABOUT)
     metrics = viewpoints(setup, MOVES_ABOUT) | {"late": 100 * run.late}
@@ -256,7 +254,7 @@ def condition(setup: Setup, video: bool) -> Metrics:
 
 
 def variants(count: int) -> Iterator[Variant]:
-    """Methods, filters and noises of landmarks, on the scripts that move."""
+    """Methods, filters and landmark noises, on the scripts with motion."""
     used = Track().filter
     best = METHODS[0]
     ways = [
@@ -286,7 +284,7 @@ def variants(count: int) -> Iterator[Variant]:
 @cache
 def script_errors(setup: Setup, script: Script, count: int, ideal: bool) -> tuple[Errors, float]:
     """Errors of `count` pictures of a script, and of its viewpoints. ideal: pictures for the right
-    viewpoints, which nothing has to choose.
+    viewpoints, without tracking.
     """
     run = watched(setup, script)
     at = samples(run, script, count)

@@ -1,8 +1,8 @@
 """Reports of a window system about a picture on its screen: their form, and those of an X server.
 
 X's Present extension reports vertical blanks, over a separate connection. The first one after the
-hand-over of a picture shows it, unless a compositor intervenes. It is identified by its time,
-because servers without a screen count blanks half a period off (present_fake.c).
+submission of a picture shows it, unless a compositor intervenes. It is identified by its time,
+because servers without a screen count vblanks half a period off (present_fake.c).
 """
 
 import ctypes
@@ -62,10 +62,10 @@ class VblankAnswers:
     """The pictures that a server's answers, each naming a vertical blank, refer to."""
 
     def __init__(self) -> None:
-        self._handed_ns: dict[int, int] = {}  # serial -> hand-over
+        self._handed_ns: dict[int, int] = {}  # serial -> submission
         self._period_ns = 0.0
         self._held: Presented | None = None
-        self._last: tuple[int, int] | None = None  # (time, number) of a blank
+        self._last: tuple[int, int] | None = None  # (time, number) of a vblank
 
     @property
     def waiting(self) -> int:
@@ -73,11 +73,11 @@ class VblankAnswers:
         return len(self._handed_ns)
 
     def asked(self, serial: int, t_ns: int) -> None:
-        """Picture number serial was handed over at t_ns."""
+        """Picture number serial was submitted at t_ns."""
         self._handed_ns[serial] = t_ns
 
     def answered(self, serial: int, t_ns: int, number: int) -> list[Presented]:
-        """Blank `number` at t_ns answers for a picture; returns what is certain now.
+        """Vblank `number` at t_ns answers for a picture; returns the answers that are certain now.
 
         Of several pictures before one vertical blank the last was shown: an answer is held while
         another may follow for the same one.
@@ -113,7 +113,7 @@ class VblankAnswers:
 
 
 class XPresentation:
-    """Blanks for one window of the server that DISPLAY names.
+    """Vblanks for one window of the server that DISPLAY names.
 
     Raises OSError if the library or the extension is missing.
     """

@@ -234,7 +234,7 @@ class WaylandPresentation:
         return [Presented(serial, t_ns if last[t_ns] == serial else 0, 0) for t_ns, serial in done]
 
     def expect(self, serial: int) -> None:
-        """Announces picture number serial as the next to be handed over."""
+        """Announces picture number serial as the next to be submitted."""
         if not self._answered and len(self._frames) < _MAX_WAITING:
             frame = self._request(
                 self._framer, _SURFACE_FRAME, self._callback_interface, [_Argument()]

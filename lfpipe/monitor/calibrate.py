@@ -20,8 +20,8 @@ from lfpipe.render.display.overlay import Overlay
 from lfpipe.track.make_engine import make_engine
 
 MEASURED_FRAMES = 45  # with a face: one and a half seconds
-SPREAD = 0.05  # quartiles further apart than this share of the median: the viewer moved
-PATIENCE_FRAMES = 600  # without a still face, 20 s at 30 Hz, before giving up
+SPREAD = 0.05  # limit of the interquartile range as a share of the median: the viewer moved
+PATIENCE_FRAMES = 600  # without a still face before giving up: 20 s at 30 Hz
 EDGES = (
     "Click the middle of one short edge.",
     "First edge marked. Click the middle of the other short edge.",
@@ -37,7 +37,7 @@ RESTLESS = UserError(
 
 
 class _CameraWindow:
-    """The camera and, where there is a screen, a window with its picture and lines of text.
+    """The camera and, if there is a screen, a window with its picture and lines of text.
 
     clicks: px of the picture.
     """
@@ -52,7 +52,7 @@ class _CameraWindow:
             from lfpipe.render.display.window import ScreenWindow
             from lfpipe.render.ui.overlay_view import OverlayView
 
-            # large: clicks fall between pixels too
+            # large, for sub-pixel clicks
             self.window = ScreenWindow(
                 (2 * width_px, 2 * height_px), "lfpipe calibrate", OverlayView()
             )
@@ -62,8 +62,8 @@ class _CameraWindow:
         return self.source.read(self.picture) is not None
 
     def show(self, marks: Sequence[Sequence[float]], *lines: str) -> bool:
-        """Shows the picture with crosses at marks. Returns whether Enter was pressed; without a
-        window it is. Raises UserError if the person cancels.
+        """Shows the picture with crosses at marks. Returns whether Enter was pressed; True without
+        a window. Raises UserError if the user cancels.
         """
         if self.window is None:
             return True
@@ -88,14 +88,13 @@ class _CameraWindow:
 
 
 def median_of(eye_distance_px: Collection[float]) -> tuple[float, bool]:
-    """The median of distances, and whether the viewer kept still enough for it; 0 without any."""
+    """The median of distances (0 if there are none), and whether the viewer was still enough."""
     low, median, high = np.percentile(list(eye_distance_px) or [0.0], (25, 50, 75)).tolist()
     return median, high - low <= SPREAD * median > 0
 
 
 def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
-    """Distance between the viewer's eyes in px of a frame of config's size; median over several
-    frames.
+    """The viewer's eye distance in px of a frame of config's size; median over several frames.
 
     Raises UserError if no face is detected, the face does not stay still, the source ends, or the
     user cancels.

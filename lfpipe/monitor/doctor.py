@@ -1,5 +1,5 @@
 """Checks whether `lfpipe up SCENE` would run on this machine, each check with its remedy, and packs
-a report for a bug. Starts no camera, opens no window.
+a bug report. Starts no camera and opens no window.
 """
 
 import contextlib
@@ -60,15 +60,14 @@ SHM_NEED_BYTES = 16 << 20  # rings for frames of 640x480, with a margin
 
 @attrs.frozen
 class Check:
-    """ok is False if `lfpipe up SCENE` would fail, whatever its --display.
-
-    A remedy with ok = True suggests an improvement.
-    """
+    """The result of a check."""
 
     name: str
     ok: bool
+    """False if `lfpipe up SCENE` would fail with any --display."""
     detail: str
     remedy: str = ""
+    """With ok: a possible improvement."""
 
 
 def python() -> Check:
@@ -89,7 +88,7 @@ BUILT_IN: dict[str, Callable[[], Collection[str]]] = {  # names that no plug-in 
     FILTERS: lambda: config.choices("track.filter"),
     DISPLAYS: lambda: DISPLAY_NAMES,
     SOURCES: lambda: KINDS,
-    COMMANDS: tuple,  # a built-in one keeps its name
+    COMMANDS: tuple,  # built-in commands have precedence
     STAGES: tuple,
     REQUESTS: lambda: HANDLERS,
 }
@@ -99,7 +98,7 @@ NO_FILES = Listing(path=Path(), folder=Path(), names=(), folders=(), is_file=Fal
 
 
 def plugin_check(group: str, name: str, package: str) -> Check:
-    """What another package adds; sessions skip a broken one."""
+    """A plug-in; sessions skip broken ones."""
     what = f"{group.removeprefix('lfpipe.').removesuffix('s')} {name}, from {package}"
     try:
         part = load(group, name, BUILT_IN[group]())
@@ -133,15 +132,15 @@ def opencv() -> Check:
         package = f"opencv-contrib-python-headless=={versions[0]}"
         return Check(
             "opencv",
-            True,  # this one was imported
-            f"{detail}: {len(names)} in one folder, cv2 {cv2.__version__} is in use",
+            True,  # cv2 was imported
+            f"{detail}: {len(names)} in one folder; cv2 {cv2.__version__} is in use",
             install_command("--force-reinstall", "--no-deps", package),
         )
     return Check("opencv", True, detail)
 
 
 def face_networks() -> Check:
-    """The model files, or how they will be fetched."""
+    """The model files, or the way in which they will be fetched."""
     if not (missing := models.missing_models()):
         folders = {
             str(path.parent) for relative in models.SHA256 if (path := models.find_model(relative))
@@ -184,14 +183,14 @@ def sdl() -> Check:
             "run on a desktop, or use --display none or --display file:OUT.mkv; `lfpipe up --demo`"
             " needs none"
         )
-        # as in CI and on servers, which replay, record and measure
+        # CI and servers replay, record and measure without a screen
         return Check("display", True, "no screen here", remedy)
     try:
         from lfpipe.render.display.monitors import detect_monitors
         from lfpipe.render.display.window_system import drawn_by, pygame
 
         driver, monitors = detect_monitors()
-    except Exception as error:  # any error of SDL is what the user needs to read
+    except Exception as error:  # the user needs to see any SDL error
         remedy = f"{install_command('--force-reinstall', 'pygame-ce')}, or use --display none"
         return Check("display", False, f"SDL does not start: {error}", remedy)
     version = ".".join(map(str, pygame.version.SDL))

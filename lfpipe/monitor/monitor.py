@@ -1,5 +1,5 @@
-"""`lfpipe monitor` as text: the state of a session for people, also for `ctl status` and the end of
-`lfpipe up`, and the screen with keys.
+"""`lfpipe monitor` as text: the state of a session for people (also for `ctl status` and the end of
+`lfpipe up`), and the terminal screen with keys.
 """
 
 import json
@@ -31,7 +31,7 @@ STATE_STYLE = {"RUNNING": "green", "STARTING": "yellow", "STOPPING": "yellow", "
 WARNING = "bold yellow"
 KEYS_LINE = "q quit  p pause  r reset  t trace  w warp  m mode  c recentre"
 QUANTILES = ("p50_ms", "p95_ms", "p99_ms")
-PERIOD_S = 0.25  # four times a second: a person reads no faster
+PERIOD_S = 0.25  # four times a second: people cannot read faster
 NOTE_S = 5.0  # display time of the answer to a key
 
 
@@ -43,13 +43,13 @@ def ms(value: float) -> str:
 
 
 def photon_words(latency: MotionToPhoton) -> str:
-    """`onset 61.2 ms, steady 4.0 ms`, as far as they are known."""
+    """The known latencies as text, for example `onset 61.2 ms, steady 4.0 ms`."""
     times = {"onset": latency.onset_ms, "steady": latency.steady_ms}
     return ", ".join(f"{key} {value:.1f} ms" for key, value in times.items() if value is not None)
 
 
 def _stage_line(name: str, stage: StageMetrics, loads: bool) -> Text:
-    """A stage in the table; loads: with its load."""
+    """A stage in the table; loads: include its load."""
     waits, busies = ([times[key] for key in QUANTILES] for times in (stage.wait, stage.busy))
     times = "".join(f" {ms(value)}" for value in (*waits[:2], *busies, stage.max_ms))
     return Text.assemble(
@@ -152,8 +152,8 @@ def screen_text(name: str, state: Sample | None, note: str = "") -> Text:
 
 
 def fitted(text: Text, width: int, height: int) -> Text:
-    """The part of text that fits a terminal of that size; its last line then states how much is
-    left out.
+    """The part of text that fits a terminal of that size; if cut, the last line states the number
+    of omitted items.
     """
     lines = text.split("\n")
     columns = max(line.cell_len for line in lines) - width
@@ -199,8 +199,8 @@ def press(name: str, key: str) -> str:
 
 
 def run(name: str, once: bool, as_json: bool) -> None:
-    """Shows the session of that name: one state, JSON lines until it ends, or the screen of a
-    terminal, where there is one. Raises UserError if it does not run.
+    """Shows the session of that name: one state, JSON lines until it ends, or the screen in a
+    terminal. Raises UserError if it is not running.
     """
     redraws = sys.stdout.isatty() and os.environ.get("TERM", "dumb") not in ("dumb", "unknown")
     with closing(Watch(find(name))) as watch:
@@ -218,7 +218,7 @@ def run(name: str, once: bool, as_json: bool) -> None:
 def screen(name: str) -> None:
     """The terminal screen, until q or Ctrl-C.
 
-    It waits for a session that has ended to start again.
+    If the session ends, it waits for the next one of that name.
     """
     from rich.live import Live
 

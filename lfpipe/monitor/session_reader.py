@@ -22,7 +22,7 @@ from lfpipe.transport.histogram import MIDDLES_US
 from lfpipe.transport.session import MANIFEST, Session, SessionManifest
 from lfpipe.transport.status import Table
 
-# of what monitors show: long enough for a p99 at 30 Hz, short enough to see a change
+# of the metrics in monitors: long enough for a p99 at 30 Hz, short enough to show changes
 WINDOW_S = 10.0
 HELLO_S = 0.5  # timeout for the settings; metrics need no answer
 Rows = dict[str, NDArray[np.void]]
@@ -38,13 +38,13 @@ def ask(name: str, message: Message, timeout_s: float = 2.0) -> Message:
 
 
 def snapshot(name: str, timeout_s: float = 2.0) -> Snapshot:
-    """What the session of that name works by. Raises UserError."""
+    """The settings in use in the session of that name. Raises UserError."""
     return converter().structure(ask(name, {"cmd": "hello"}, timeout_s), Snapshot)
 
 
 class Watch:
-    """One attachment. manifest, table: of the session. Raises UserError if it ends meanwhile, or if
-    its table has another version.
+    """An attachment to a session, with its manifest and table. Raises UserError if it ends
+    meanwhile, or if its table has another version.
     """
 
     def __init__(self, session: Session) -> None:
@@ -102,7 +102,7 @@ def _since(row: NDArray[np.void], before: NDArray[np.void]) -> NDArray[np.void]:
 
 @attrs.frozen
 class Sample:
-    """A session at one moment."""
+    """A session at one time."""
 
     metrics: SessionMetrics
     settings: Snapshot | None = None
@@ -110,10 +110,10 @@ class Sample:
 
 
 class Follower:
-    """What monitors show of the session with a given name. It detaches when the session ends, and
+    """Reads the session with a given name for monitors. It detaches when the session ends, and
     attaches to the next one of that name.
 
-    watch: the attachment, None without a session.
+    watch: the attachment; None without a session.
     """
 
     def __init__(self, name: str) -> None:
@@ -161,7 +161,7 @@ class Follower:
         return Sample(attrs.evolve(metrics, stages=stages), self._settings)
 
     def reset(self) -> None:
-        """Counts drops and times from the last reading on, for this monitor only."""
+        """Restarts the counts of drops and times at the last reading, for this monitor only."""
         if self._past:
             self._past = deque([self._past[-1]])
             self._dropped = {name: int(row["drops"]) for name, row in self._past[0][1].items()}

@@ -1,5 +1,4 @@
-"""The trace as Chrome trace-event JSON, which Perfetto and chrome://tracing open: a track per
-stage.
+"""The trace as Chrome trace-event JSON for Perfetto and chrome://tracing: one track per stage.
 
 Slices: capture from the sensor's stamp to the decoded frame, track from there to its eyes, render
 while a picture is composed, display until it is presented. Format: "Trace Event Format" (Google,
@@ -40,9 +39,7 @@ def events(trace: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
     end_ns = dict.fromkeys(TRACKS, 0)
 
     def slice_of(name: str, start: int, end: int, **about: Any) -> dict[str, Any]:
-        """Shortened so that slices of a track do not overlap: viewers would nest overlapping
-        slices.
-        """
+        """A slice, shortened so that slices of a track do not overlap: viewers would nest them."""
         start = max(start, end_ns[name])
         end_ns[name] = end = max(end, start)
         return {
@@ -74,8 +71,8 @@ def events(trace: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
 
 
 def convert(source: Path, out: Path) -> None:
-    """Writes the JSON Lines trace `source` as trace events to `out`, for its owner alone. Raises
-    UserError; out then stays as it was.
+    """Writes the JSON Lines trace `source` as trace events to `out`, readable by its owner only.
+    Raises UserError and leaves out unchanged.
     """
     check_output(out, [source])
     remedy = "name a trace of `lfpipe up --trace` or `lfpipe trace start`"

@@ -20,10 +20,10 @@ from lfpipe.scene.orientation import Orientation, orient
 from lfpipe.scene.plausibility import plausible
 from lfpipe.scene.source import GridTransform, SceneSource, ViewIndex
 
-STRIP_ROWS = 256  # of a large view, processed at a time to limit memory
-SCREEN_GAMMA = 2.2  # of linear-light pictures: out = in ** (1 / gamma)
-# median and mean of a linear-light picture of an ordinary scene are lower,
-# those of a screen-ready one higher
+STRIP_ROWS = 256  # rows of a large view processed at a time, to limit memory
+SCREEN_GAMMA = 2.2  # for linear-light pictures: out = in ** (1 / gamma)
+# Threshold of median brightness: linear-light pictures of ordinary scenes are darker, screen-ready
+# ones brighter.
 _DARK = 0.17
 STATED = {"yes": True, "no": False}  # scene.invert_depth
 FrameIndex = tuple[int, int, int]  # frame, row, column
@@ -31,9 +31,7 @@ FrameIndex = tuple[int, int, int]  # frame, row, column
 
 @attrs.frozen(eq=False, slots=False, kw_only=True)
 class AnalysedScene:
-    """An analysed scene. turn, rows, cols, present and offsets are those of the pack, whose order
-    leaves depth inversion to the session.
-    """
+    """An analysed scene. The views are in the order of the pack, without inverted depth."""
 
     source: SceneSource
     orientation: Orientation
@@ -44,6 +42,7 @@ class AnalysedScene:
 
     @property
     def turn(self) -> GridTransform:
+        """The transform from file order to the order of the pack."""
         return self.orientation.packed
 
     @property
@@ -65,7 +64,7 @@ class AnalysedScene:
 
     @property
     def depth(self) -> Depth:
-        """Of the middle view, in the order of the pack; zeros where it is not known."""
+        """Depth range of the middle view, in the order of the pack; zeros if unknown."""
         return self.orientation.depth or Depth()
 
     @property
@@ -78,7 +77,7 @@ class AnalysedScene:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of the views: (frames, rows, cols, channels, height, width)."""
+        """Shape of the views: (frames, rows, cols, channels, height, width)."""
         return (
             self.source.frames,
             self.rows,
@@ -94,7 +93,7 @@ class AnalysedScene:
 
     @cached_property
     def present(self) -> NDArray[np.bool_]:
-        """bool (rows, cols)."""
+        """The grid indices that have a view, bool (rows, cols)."""
         present = np.ones((self.source.rows, self.source.cols), bool)
         for place in self.source.missing:
             present[place] = False
@@ -102,7 +101,7 @@ class AnalysedScene:
 
     @cached_property
     def offsets(self) -> NDArray[np.float32]:
-        """As in LightField."""
+        """Camera offsets, as in LightField."""
         camera_positions = self.source.coordinates
         return (
             np.zeros((self.rows, self.cols, 2), np.float32)
@@ -112,7 +111,7 @@ class AnalysedScene:
 
     @cached_property
     def views(self) -> list[FrameIndex]:
-        """The views that the source has, in every frame."""
+        """The present views of every frame."""
         return [
             (f, r, c)
             for f in range(self.source.frames)
@@ -129,8 +128,8 @@ def analyse_scene(path: str | os.PathLike[str], scene: config.Scene) -> Analysed
 def checked_source(
     path: str | os.PathLike[str], scene: config.Scene
 ) -> tuple[SceneSource, config.Scene]:
-    """The scene at path as its layout describes it, and the settings with what `lightfield.toml`
-    states. Raises UserError.
+    """The scene at path as its layout describes it, and the settings completed by
+    `lightfield.toml`. Raises UserError.
     """
     values = stated(path)
     scene = with_stated(scene, values)
@@ -148,7 +147,7 @@ def checked_source(
 
 
 def analyse_source(source: SceneSource, scene: config.Scene) -> AnalysedScene:
-    """Analyses a few views. Raises UserError if they are no light field."""
+    """Analyses a few views. Raises UserError if they do not form a light field."""
     source, measured = plausible(source, scene.force)
     middle = source.read(0, *source.middle)
     ends = (
@@ -174,8 +173,9 @@ def analyse_source(source: SceneSource, scene: config.Scene) -> AnalysedScene:
 
 
 def _depth_of(source: SceneSource, order: Orientation, moved: tuple[float, float]) -> Depth:
-    """The depth of two views that are too far apart for flow, by the motion along x between them in
-    file order, in shares of the width.
+    """The depth range of two views that are too far apart for optical flow.
+
+    moved: range of the motion between them along x, in file order, in shares of the width.
     """
     width_px = source.width_px if order.packed.cols else -source.width_px
     low, high = sorted(round(width_px * move, 4) for move in moved)
@@ -211,8 +211,7 @@ def looks_linear(middle: NDArray[Any], max_value: int) -> bool:
     """Whether a middle view looks like undeveloped linear light of a plenoptic camera: dark, and
     black rounded corners.
 
-    Darkness alone would also catch scenes lit by a lamp; the black corners are what rectification
-    leaves.
+    Darkness alone would also catch scenes lit by a lamp. Rectification leaves the black corners.
     """
     step = max(1, min(middle.shape[:2]) // 1024)  # a sample of pixels suffices for a large view
     middle = middle[::step, ::step]
@@ -249,9 +248,9 @@ def grid_offsets(camera_positions: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 def require_plausible_truth(source: SceneSource) -> None:
-    """Raises UserError if a map of true disparity differs in size from the views, holds NaN, claims
-    more than a picture's side per view (the range would be stretched until the whole scene looks
-    flat), or cannot be read.
+    """Raises UserError if a true disparity map differs in size from the views, contains NaN,
+    exceeds a picture's side per view (such a range would flatten the whole scene), or cannot be
+    read.
     """
     size = (source.height_px, source.width_px)
     remedy = "remove the map to have disparity estimated"

@@ -3,11 +3,11 @@
 CACHE/scenes/KEY/      a pack (`pack`); an unfinished one has no manifest
 CACHE/locks/KEY        lock of its writer
 CACHE/index/STAMP      text: the KEY of a path whose names, sizes and times have this stamp
-CACHE/arrays/          arrays of programs
+CACHE/arrays/          arrays that programs pass to the API
 CACHE/demo-N/          demo scenes
 CACHE/bench/           inputs of measurements
 
-Nothing else is removed, and a scene.cache_dir that holds anything else is refused.
+Nothing else is ever removed. A scene.cache_dir that contains anything else is refused.
 """
 
 import contextlib
@@ -43,7 +43,7 @@ from lfpipe.scene.pack import (
 from lfpipe.scene.source import SceneSource
 
 _DEEPEST = 3  # levels of folders between the given one and its pictures
-_KEY = re.compile("[0-9a-f]{24}")  # as `content_key` gives it
+_KEY = re.compile("[0-9a-f]{24}")  # as `content_key` returns it
 _STAMP = re.compile("[0-9a-f]{32}")
 _HIDDEN = r"|\..*"  # of the system, or a work name
 _CONTENTS = {  # names by folder
@@ -57,7 +57,7 @@ _CONTENTS = {  # names by folder
 
 
 def cache_root(scene: config.Scene) -> Path:
-    """As `cache_dir`, whatever it holds."""
+    """As `cache_dir`, without a check of its content."""
     return (
         Path(scene.cache_dir).expanduser()
         if scene.cache_dir
@@ -66,9 +66,9 @@ def cache_root(scene: config.Scene) -> Path:
 
 
 def cache_dir(scene: config.Scene) -> Path:
-    """The cache: scene.cache_dir, or the user's cache directory. Need not exist.
+    """The cache: scene.cache_dir, or the user's cache directory. It need not exist.
 
-    Raises UserError if scene.cache_dir holds anything but a cache.
+    Raises UserError if scene.cache_dir contains anything but a cache.
     """
     root = cache_root(scene)
     with writing(root):
@@ -87,7 +87,7 @@ def cache_dir(scene: config.Scene) -> Path:
 
 @contextlib.contextmanager
 def writing(root: Path) -> Iterator[None]:
-    """Turns errors of writing to the cache into UserError."""
+    """Turns write errors of the cache into UserError."""
     try:
         yield
     except OSError as error:
@@ -98,7 +98,7 @@ def writing(root: Path) -> Iterator[None]:
 
 
 def prepare_cache(scene: config.Scene) -> Path:
-    """Creates the cache's folders. Raises UserError if it cannot be written."""
+    """Creates the folders of the cache. Raises UserError if they are not writable."""
     root = cache_dir(scene)
     with writing(root):
         for name in ("scenes", "locks", "index"):
@@ -109,7 +109,7 @@ def prepare_cache(scene: config.Scene) -> Path:
 
 
 def _settings_key(scene: config.Scene) -> str:
-    """The settings that a pack depends on, as text of a key."""
+    """The settings that a pack depends on, as text for a hash."""
     used = {
         key: value
         for key, value in attrs.asdict(scene).items()
@@ -135,7 +135,7 @@ def stamp(path: str | os.PathLike[str], scene: config.Scene) -> str:
 
 
 def _entries(listing: Listing, deep: int) -> Iterator[Path]:
-    """Files of a folder, and of its subfolders down to this many levels."""
+    """Files of a folder, and of `deep` levels of subfolders."""
     yield from (listing.folder / name for name in listing.names)
     for name in listing.folders if deep else ():
         with contextlib.suppress(UserError):
@@ -176,8 +176,8 @@ def find_pack(path: str | os.PathLike[str], scene: config.Scene) -> Path | None:
 
 
 def usable(pack: Path, scene: config.Scene, *, complete: bool = False) -> LightField | None:
-    """The light field of a pack; None for one that is damaged or, if it must be complete, has no
-    disparity yet. Whether the cache serves is decided here alone.
+    """The light field of a pack; None if the pack is damaged or, with complete, has no disparity
+    yet. All decisions on pack reuse are made here.
     """
     with contextlib.suppress(DamagedPackError):
         field = open_pack(pack, scene.invert_depth)
@@ -188,8 +188,8 @@ def usable(pack: Path, scene: config.Scene, *, complete: bool = False) -> LightF
 def packed(
     path: str | os.PathLike[str], scene: config.Scene, *, complete: bool = False
 ) -> LightField | None:
-    """As `usable`, of the pack of an unchanged scene, of demo:NAME, or of a pack that is given
-    itself. Reads no picture. Raises UserError if there is no scene.
+    """As `usable`, for the path of a pack, of an unchanged scene, or of demo:NAME. Reads no
+    picture. Raises UserError if there is no scene.
     """
     path = named_scene(Path(path), cache_dir(scene))
     own = path if exists(path / MANIFEST) else None
@@ -200,9 +200,9 @@ def packed(
 
 
 def remember(root: Path, mark: str, key: str) -> None:
-    """Notes that the path with this stamp has that pack.
+    """Records in the index that the path with this stamp has that pack.
 
-    Raises UserError if there is no room for the entry.
+    Raises UserError if the disk is full.
     """
     with writing(root):
         write_file(root / "index" / mark, key.encode(), 0o666)
@@ -210,16 +210,16 @@ def remember(root: Path, mark: str, key: str) -> None:
 
 @attrs.frozen(order=True)
 class CachedPack:
-    """A pack in the cache. created: "" and manifest: None where it cannot be read."""
+    """A pack in the cache."""
 
-    created: str
+    created: str  # "" if the manifest is unreadable
     folder: Path
     size_bytes: int
-    manifest: Manifest | None = attrs.field(order=False)
+    manifest: Manifest | None = attrs.field(order=False)  # None if it is unreadable
 
     @property
     def names(self) -> set[str]:
-        """What a person may call it: its key, its name and its source."""
+        """The names that a user may give for it: its key, its name and its source."""
         about = self.manifest
         return {self.folder.name, *((about.name, about.source) if about else ())}
 
@@ -241,7 +241,7 @@ def packs(scene: config.Scene) -> list[CachedPack]:
 
 
 def _is_pack(folder: Path) -> bool:
-    """Whether a folder is a pack, also an unfinished or damaged one, and holds nothing else."""
+    """Whether a folder contains a pack, even an unfinished or damaged one, and nothing else."""
     return (
         bool(_KEY.fullmatch(folder.name))
         and not folder.is_symlink()
@@ -254,21 +254,21 @@ def _is_pack(folder: Path) -> bool:
 
 
 def clear(folder: Path) -> None:
-    """Removes a pack, if it is there. Raises OSError, also if the folder holds anything else."""
+    """Removes a pack, if it exists. Raises OSError, also if the folder contains anything else."""
     if os.path.lexists(folder):
         if not _is_pack(folder):
-            raise FileExistsError(errno.EEXIST, "exists, and is no pack", str(folder))
+            raise FileExistsError(errno.EEXIST, "exists, but is not a pack", str(folder))
         shutil.rmtree(folder)
 
 
 def remove(folder: Path) -> bool:
-    """Deletes a pack; returns False and keeps it if any process has it open or makes it, or if it
-    holds anything else.
+    """Deletes a pack; returns False and keeps it if any process has it open or is writing it, or
+    if the folder contains anything else.
 
     Raises UserError.
     """
     root = folder.parents[1]
-    # another clean was faster
+    # a concurrent `clean` may have removed it
     with writing(root), contextlib.suppress(FileNotFoundError), contextlib.ExitStack() as held:
         if not _is_pack(folder):
             return False
@@ -281,8 +281,8 @@ def remove(folder: Path) -> bool:
 
 
 def sweep(scene: config.Scene) -> int:
-    """Removes what killed packers and other versions left, and index entries without a pack;
-    returns the number removed. Raises UserError.
+    """Removes leftovers of killed packers and other versions, and index entries without a pack.
+    Returns the number removed. Raises UserError.
     """
     removed = sum(remove(pack.folder) for pack in packs(scene) if pack.manifest is None)
     root = cache_dir(scene)

@@ -13,36 +13,36 @@ import numpy as np
 
 from lfpipe.config.quality import METHODS
 
-# Pictures are refused where views between two others are predicted badly from these and no
-# disparity explains the flow (it must be equal to both neighbours, along the line of cameras), or
-# where they change otherwise than by a camera that moves sideways: in focus or size. The thresholds
-# lie between 211 disturbed and drawn light fields (at least 0.38 explained and 30 dB, or 0.64 and
-# 24 dB) and 40 made sets that are none (focus stacks with and without breathing, refocused
-# pictures, walks around a box, portraits, clips, zooms, turns, exposures), of which 37 are refused.
+# Pictures are refused if views are poorly predicted from two neighbours and no disparity explains
+# the flow (it must be equal to both neighbours, along the line of cameras), or if they change in
+# focus or size, which a camera that moves sideways does not cause. The thresholds separate 211
+# disturbed and drawn light fields (at least 0.38 explained and 30 dB, or 0.64 and 24 dB) from 40
+# synthetic sets of other pictures (focus stacks with and without breathing, refocused pictures,
+# walks around a box, portraits, clips, zooms, turns, exposures), of which 37 are refused.
 POOR_DB = 26.0  # of views predicted from two others
 EXPLAINED = 0.6  # share of their detail that one disparity explains
-UNEXPLAINED = 0.15  # share below which they do not fit together whatever their quality
-# of the middle of all lines: enough to skip other views
+UNEXPLAINED = 0.15  # share below which they do not fit together, whatever their quality
+# Enough for the middle of all lines to skip other views.
 FINE_DB = 30.0
 FINE_SHARE = 0.7
-NOTHING_PX = 0.3  # between the farthest views: less motion is none
-WORTH_DB = 0.25  # least gain of a costlier method: a smaller one is invisible
-WARPED_PX = 0.5  # disparity from which on a warp is worth it where no view can be held out
-BLEND_PX = 2.0  # disparity up to which a cross-fade shows no double edges worth mentioning
+NOTHING_PX = 0.3  # between the farthest views: less motion counts as none
+WORTH_DB = 0.25  # minimum gain of a costlier method: a smaller one is invisible
+WARPED_PX = 0.5  # minimum disparity to warp if no view can be held out
+BLEND_PX = 2.0  # maximum disparity at which a cross-fade shows hardly any double edges
 
 
 class SceneKind(enum.Enum):
-    """What a set of pictures is."""
+    """The kind of a set of pictures."""
 
     LIGHT_FIELD = enum.auto()
     ONE_VIEW = enum.auto()  # nothing moves between the pictures
-    TOO_FAR_APART = enum.auto()  # no views can be made between them
+    TOO_FAR_APART = enum.auto()  # no intermediate views can be rendered
     NOT_A_LIGHT_FIELD = enum.auto()
 
 
 @attrs.frozen
 class Classification:
-    """What the pictures of a scene are, and why."""
+    """The kind of a scene's pictures, and the reason."""
 
     kind: SceneKind
     reason: str = ""  # for people; "" for a light field
@@ -54,7 +54,7 @@ class Measurements:
 
     held_out_db: float  # PSNR of views predicted from two neighbours, median
     explained: float  # share of textured pixels whose flow one disparity explains
-    change: str = ""  # how the pictures change otherwise than by a camera that moves sideways
+    change: str = ""  # any change that a camera moving sideways does not cause
     moved_px: float = np.inf  # motion between the farthest views, of nearly all of their detail
     # motion between two views that flow misses, in shares of the width
     missed_motion: tuple[float, float] | None = None
@@ -75,7 +75,7 @@ class Measurements:
 
     @property
     def classification(self) -> Classification:
-        """What the pictures are by these measurements."""
+        """The classification that follows from these measurements."""
         poor = self.held_out_db < POOR_DB
         unexplained = self.explained < UNEXPLAINED
         if self.change and not (poor and unexplained):
@@ -103,10 +103,10 @@ class Measurements:
 
 
 def best_method(scores: Mapping[str, float], reach_px: float, has_disparity: bool) -> str:
-    """The method that `auto` stands for in a scene of several views.
+    """The method that `auto` selects for a scene of several views.
 
-    scores: PSNR in dB of held-out views by method: the cheapest that no costlier one beats by
-    WORTH_DB. Without scores, the largest disparity, reach_px, decides.
+    scores: PSNR in dB of held-out views by method. Selects the cheapest method that no costlier
+    one beats by WORTH_DB. Without scores, the largest disparity, reach_px, decides.
     """
     if scores:
         enough_db = max(scores.values()) - WORTH_DB

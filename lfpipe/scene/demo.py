@@ -1,5 +1,5 @@
-"""Light fields of our own making: folders with one small file. Views are rendered when packed, with
-exact disparity.
+"""Demo light fields: folders with one small file. The packer renders their views, with exact
+disparity.
 """
 
 import json
@@ -9,10 +9,10 @@ from lfpipe.errors import UserError
 from lfpipe.files.safe_files import write_file
 from lfpipe.host.files import exists
 
-NAME = "still-life"  # the demo's
+NAME = "still-life"  # the default demo
 NAMES = (NAME, "marbles", "meadow")
-VERSION = 2  # to be increased when the pictures change: packs of the old ones then stay untouched
-PREFIX = "demo:"  # demo:marbles names a scene as a path does
+VERSION = 2  # increase it when the pictures change: older packs then stay untouched
+PREFIX = "demo:"  # demo:marbles is accepted in place of a path
 MARKER = "lfpipe-demo.json"
 SIZE_PX = 512  # of a view, both sides
 
@@ -34,7 +34,8 @@ def demo_scene(cache_dir: Path, name: str = NAME, size_px: int = SIZE_PX) -> Pat
     except OSError as error:
         raise UserError(
             f"demo scene: {folder} cannot be written: {error.strerror or error}",
-            "make room or permission there, or name another place with --set scene.cache_dir=DIR",
+            "check free disk space and permissions, or use another folder with --set"
+            " scene.cache_dir=DIR",
         ) from None
     return folder
 

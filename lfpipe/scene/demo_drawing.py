@@ -25,7 +25,7 @@ HIGHLIGHT = np.array([-0.249, -0.343, 0.906], np.float32)
 
 
 def _window(points: NDArray[np.float64], size_px: int) -> Window:
-    """The part of a view that holds points (n, 2) as (x, y), at least one px."""
+    """The part of a view that contains points (n, 2) as (x, y), at least one px."""
     low = np.clip(np.floor(points.min(axis=0)), 0, size_px - 1).astype(int)
     high = np.clip(np.ceil(points.max(axis=0)) + 1, low + 1, size_px).astype(int)
     return slice(low[1], high[1]), slice(low[0], high[0])
@@ -33,14 +33,12 @@ def _window(points: NDArray[np.float64], size_px: int) -> Window:
 
 @attrs.frozen(eq=False)
 class Quad:
-    """A flat picture.
-
-    texture: uint8 (h, w, 4) RGB and alpha, pre-multiplied. corners: float (4, 3) of (X, Y, d),
-    clockwise from top left, in one plane.
-    """
+    """A flat picture."""
 
     texture: Picture
+    """uint8 (h, w, 4): RGB and alpha, pre-multiplied."""
     corners: NDArray[np.float64]
+    """float (4, 3) of (X, Y, d), clockwise from top left, in one plane."""
 
     def seen(self, u: float, v: float, size_px: int) -> tuple[Window, Picture, Floats]:
         """The window of a view that the quad covers; there its colours, pre-multiplied RGBA, and
@@ -70,21 +68,19 @@ class Quad:
 
 @attrs.frozen(eq=False, kw_only=True)
 class Ball:
-    """A ball: about (x, y, d) with its radius in px, and `depth` in disparity.
-
-    texture: uint8 (h, w, 3) RGB, wrapped around it; gloss: strength of the highlight, 0 to 1.
-    """
+    """A ball with its centre at (x, y, d)."""
 
     texture: Picture
+    """uint8 (h, w, 3) RGB, wrapped around the ball."""
     x: float
     y: float
     d: float
-    radius: float
-    depth: float
-    gloss: float
+    radius: float  # px
+    depth: float  # radius along d, in disparity
+    gloss: float  # strength of the highlight, 0 to 1
 
     def seen(self, u: float, v: float, size_px: int) -> tuple[Window, Picture, Floats]:
-        """As a quad's.
+        """As `Quad.seen`.
 
         The nearest point on the ray of pixel (x, y) is the larger solution d of
         ((x + d u - X)/R)^2 + ((y + d v - Y)/R)^2 + ((d - D)/depth)^2 = 1.
@@ -99,7 +95,7 @@ class Ball:
         half_b = px * ku + py * kv
         root = half_b * half_b - a * (px * px + py * py - 1)
         nearer = (np.sqrt(np.maximum(root, 0)) - half_b) / a
-        # px within the outline, along which root / a falls by 2 a radius
+        # px inside the outline; root / a falls by 2 per radius along it
         alpha = np.clip(0.5 + root / a * self.radius / 2, 0, 1)
         colour = self._colour(px + nearer * ku, py + nearer * kv, nearer * kd) * alpha[..., None]
         return (
@@ -116,7 +112,7 @@ class Ball:
         at = (longitude * (w - 1)).astype(np.float32), (latitude * (h - 1)).astype(np.float32)
         base = cv2.remap(self.texture, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         normal = np.stack([x, y, z], axis=-1)
-        # room, lamp, and light from the table
+        # ambient light, lamp, and light reflected by the table
         lit = 0.34 + 0.72 * np.clip(normal @ LIGHT, 0, 1) + 0.06 * np.clip(y, 0, 1)
         shine = 255 * self.gloss * np.clip(normal @ HIGHLIGHT, 0, 1) ** 60
         return np.asarray(np.clip(base * lit[..., None] + shine[..., None], 0, 255), np.float32)
@@ -132,7 +128,7 @@ def draw_view(
     and its exact disparity.
 
     solids: back to front, together covering the whole view. disparity: float32 in px per grid step,
-    at the pixel's centre, of what covers more than half of it.
+    at the pixel's centre, of the surface that covers more than half of the pixel.
     """
     picture = np.zeros((size_px, size_px, 3), np.uint8)
     disparity = np.full((size_px, size_px), np.nan, np.float32)

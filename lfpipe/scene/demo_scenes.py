@@ -1,8 +1,8 @@
-"""The demo's scenes: before a papered wall with an eye chart, on a table, a card and balls in
-grass; marbles; a meadow.
+"""The demo scenes: a card and balls in grass on a table, in front of a papered wall with an eye
+chart; marbles; a meadow.
 
-Lengths are px of the centre view. The table rises to its horizon, where a point would stand still:
-nearer objects appear lower, as for a camera that looks down a little.
+Lengths are px of the centre view. The table extends to its horizon, where disparity is constant;
+nearer objects appear lower, as for a camera that looks down slightly.
 """
 
 from functools import cache
@@ -18,15 +18,15 @@ OFFSET_PX = 8.0  # disparity between infinity and the plane of zero disparity
 VANISHING = (256.0, 60.0)  # vanishing point of lines straight away from the camera
 WALL_D = -2.0
 TABLE_SLOPE = 0.0215  # disparity per px down the table
-# depth of a ball in disparity over its radius in px: a little rounder than life
+# depth of a ball in disparity over its radius in px: slightly rounder than a real ball
 BALL_DEPTH = 0.0075
 MARGIN = 48.0  # around the centre view, which the outermost cameras see
 PAPER = (238, 232, 216)
 
 
-@cache  # a scene is described before it is drawn, perhaps twice
+@cache  # describing and drawing a scene both call it
 def solids_of(name: str) -> list[Solid]:
-    """The solids of a scene of `demo.NAMES`, back to front; always the same ones."""
+    """The solids of a scene of `demo.NAMES`, back to front; deterministic."""
     rng = np.random.default_rng(9)
     objects = {"marbles": _marbles, "meadow": _meadow}.get(name, _still_life)
     return [*_room(rng), *objects(rng)]
@@ -112,7 +112,7 @@ def _marbles(rng: np.random.Generator) -> list[Solid]:
 
 
 def _meadow(rng: np.random.Generator) -> list[Solid]:
-    """Tufts of grass at many depths, with balls between them: much hides much."""
+    """Tufts of grass at many depths, with balls between them: many occlusions."""
     solids: list[Solid] = []
     for k, d in enumerate(np.linspace(-1.5, 1.9, 12).tolist()):
         solids.append(
@@ -135,9 +135,9 @@ def _grass(
 def _ball(
     texture: textures.Texture, rng: np.random.Generator, x: float, d: float, radius: float
 ) -> list[Solid]:
-    """A ball that lies on the table at disparity d, after its shadow.
+    """The shadow of a ball on the table at disparity d, and the ball.
 
-    At its middle a texel is a px.
+    At its middle, a texel has the size of a px.
     """
     shadow = _lying(
         textures.shadow(0.5),

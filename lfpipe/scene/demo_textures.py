@@ -1,5 +1,5 @@
-"""Textures of the demo's scenes: wallpaper, an eye chart, wood, balls, grass. Colours are RGB,
-lengths texels, TEXELS to a px.
+"""Textures of the demo scenes: wallpaper, an eye chart, wood, balls, grass. Colours are RGB.
+Lengths are in texels, TEXELS per px.
 """
 
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from lfpipe.scene.demo_drawing import Floats, Picture
 Colour = tuple[int, int, int]
 Texture = Callable[[np.random.Generator, int, int], Picture]  # (rng, height, width)
 
-TEXELS = 2  # of a flat picture to one px of a view; `opaque` smooths away what a view cannot show
+TEXELS = 2  # of a flat picture per px of a view; `opaque` removes detail that a view cannot show
 
 
 def noise(
@@ -36,7 +36,7 @@ def noise(
 
 
 def mixed(share: NDArray[np.floating], dark: Colour | Floats, light: Colour | Floats) -> Floats:
-    """Between two colours: share (h, w), clipped to 0 .. 1, of the light one. Float32 (h, w, 3)."""
+    """A mixture of two colours, float32 (h, w, 3). share (h, w): of the light one; is clipped."""
     weight = np.clip(share, 0, 1).astype(np.float32)[..., None]
     return np.asarray(
         (1 - weight) * np.asarray(dark, np.float32) + weight * np.asarray(light, np.float32),
@@ -45,8 +45,8 @@ def mixed(share: NDArray[np.floating], dark: Colour | Floats, light: Colour | Fl
 
 
 def opaque(colour: NDArray[Any]) -> Picture:
-    """A texture of a flat picture, without detail finer than a px: no moire when the view
-    changes.
+    """A texture of a flat picture without detail finer than a px, which would cause moire when the
+    view changes.
     """
     picture = cv2.GaussianBlur(np.clip(colour, 0, 255).astype(np.uint8), (0, 0), 0.5 * TEXELS)
     return np.dstack([picture, np.full(picture.shape[:2], 255, np.uint8)])
@@ -77,7 +77,7 @@ def wall(rng: np.random.Generator, height: int, width: int) -> Picture:
             )
     cv2.line(tile, (0, 0), (0, 72), (150, 172, 154), 3)
     paper = np.tile(tile, (height // 72 + 1, width // 144 + 1, 1))[:height, :width]
-    low = height // 8, width // 8  # light is smooth
+    low = height // 8, width // 8  # illumination is smooth
     y, x = np.ogrid[: 1 : low[0] * 1j, : 1 : low[1] * 1j]
     light = (1.0 - 0.52 * np.hypot(x - 0.32, y - 0.22)).astype(np.float32) + 0.05 * noise(
         rng, *low, (22, 22)
@@ -86,7 +86,7 @@ def wall(rng: np.random.Generator, height: int, width: int) -> Picture:
     return np.asarray(cv2.multiply(paper, cv2.merge([light] * 3), dtype=cv2.CV_8U), np.uint8)
 
 
-# text, its height and that of its middle, as shares of the height of a poster
+# text, its height and the height of its middle, as shares of the poster's height
 LETTERS = (
     ("E", 0.2, 0.27),
     ("F P", 0.125, 0.469),
@@ -193,7 +193,7 @@ def grass(rng: np.random.Generator, height: int, width: int, blades: int) -> Pic
 
 
 def shadow(strength: float) -> Picture:
-    """A soft black blob. strength: at most 0.5, so that what lies below keeps its disparity."""
+    """A soft black blob. strength: at most 0.5, so that the surface below keeps its disparity."""
     y, x = np.ogrid[-1:1:64j, -1:1:64j]
     blob = np.zeros((64, 64, 4), np.uint8)
     blob[..., 3] = 254 * strength * np.clip(1 - x * x - y * y, 0, 1) ** 1.5

@@ -1,5 +1,5 @@
-"""`lightfield.toml`: what a person states about the views in a folder. It comes before any
-detection; settings of the session come before it.
+"""`lightfield.toml`: the user's statements about the views in a folder. They override detection,
+and settings of the session override them.
 
     # lightfield.toml
     written_by = "lfpipe scene describe"
@@ -33,7 +33,7 @@ REMEDY = f"correct the file, or write it again: `{WRITTEN_BY} FOLDER --grid ROWS
 
 
 def stated(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """The keys of [scene] that `lightfield.toml` in the folder at path states; empty without one.
+    """The keys of [scene] that `lightfield.toml` in the folder at path states; empty if absent.
 
     Raises UserError if the file is not as described above.
     """
@@ -56,8 +56,8 @@ def stated(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def with_stated(settings: config.Scene, values: Mapping[str, Any]) -> config.Scene:
-    """settings with the stated values where it has defaults; the depth order, which is state of a
-    session, excepted.
+    """settings with the stated values where it has defaults, except the depth order, which is
+    session state.
     """
     used = {
         name: value

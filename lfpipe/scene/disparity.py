@@ -23,27 +23,27 @@ Neighbours = list[tuple[Grey, float, float]]
 HALVED_PX = 192
 ROUNDS = 2  # of refinement by all neighbours jointly
 REFINED_OVER_PX = 0.8  # sigma of the window of the refinement
-STEADY = 4.0  # squared grey levels per px: with less contrast in the neighbours a value stays
+STEADY = 4.0  # squared grey levels per px: with less contrast in the neighbours, values are kept
 OUTLIER = 6.0  # grey levels above which a pixel counts less
-LARGEST_STEP_PX = 0.5  # a gradient describes the picture no further
+LARGEST_STEP_PX = 0.5  # the linear approximation of the picture fails beyond it
 MEDIAN_PX = 3  # side of the last filter
 SOFTNESS = 2.0  # grey levels by which a neighbour may match worse and still count
-# sigma of the window of gradient energies; squared grey levels per px^2 that every direction has
+# sigma of the window of gradient energies; squared grey levels per px^2 added to every direction
 ENERGY_PX, ENERGY_FLOOR = 1.5, 0.05
-# A neighbour can tell a value if the energy along its baseline is this share of the largest.
+# A neighbour determines a value if the energy along its baseline is this share of the largest.
 TELLING_SHARE = 0.05
-# Where disparity serves, over windows of WINDOW_PX: it explains a tenth of the squared difference
-# between a view and one of its neighbours, and a picture midway between them differs less between
-# the two warps than the cross-fade differs from their mean. Smaller areas than MIN_AREA_PX on a
-# side are left alone, gaps between areas up to GAP_PX count with them.
+# Disparity is used where, over windows of WINDOW_PX, it explains a tenth of the squared difference
+# between a view and one of its neighbours, and the two warps to a picture midway between them
+# differ less from each other than the cross-fade differs from their mean. Areas smaller than
+# MIN_AREA_PX on a side are ignored; gaps up to GAP_PX between areas are closed.
 MIN_EXPLAINED, WINDOW_PX, MIN_AREA_PX, GAP_PX = 0.1, 9, 15, 25
 EXPLAINED_ALL = 4.0  # squared grey levels: a smaller difference needs no explanation
 # squared error of a warp per squared difference between two; see profiling/results/synthesis.md
 DISAGREEMENT = 1.5
 UNSEEN_ERROR = 16.0  # squared grey levels: a warp with a smaller error needs no replacement
 OUTSIDE = 64.0  # grey levels of a match outside the neighbour's picture
-BORDER = 0.03  # of the width, at either side: what the edge of a screen cuts off within a few views
-# percentile: at the border, where one view sees what its neighbour does not, a few values are wrong
+BORDER = 0.03  # of the width, at either side: the screen edge cuts it off within a few views
+# percentile: at the border, where neighbours see different parts, a few values are wrong
 EXTREME = 5
 _BOX = (5, 5)  # px whose errors count together
 
@@ -55,8 +55,8 @@ def sampled(
     d_col: float,
     how: int = cv2.INTER_LINEAR,
 ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    """A view d_row rows and d_col columns away, sampled along the disparity of this one; and where
-    that leaves the picture.
+    """A view d_row rows and d_col columns away, sampled along the disparity of this one; and the
+    pixels whose samples lie outside the picture.
     """
     height, width = disparity_px.shape
     xx, yy = grid_xy(height, width)
@@ -108,7 +108,7 @@ def view_disparity(here: Grey, neighbours: Neighbours) -> FloatMap:
 
 
 def _line(neighbour: tuple[Grey, float, float]) -> int:
-    """A number of the line through a view and its neighbour; that of opposite ones is equal."""
+    """An id of the line through a view and its neighbour, equal for opposite neighbours."""
     _, d_row, d_col = neighbour
     return round(abs(d_row)) + 3 * round(abs(d_col)) + 9 * (d_row * d_col < -0.25)
 
@@ -209,11 +209,11 @@ def unexplained(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> N
     """The pixels, bool (h, w), at which views are better cross-faded than warped along the
     disparity, whichever the neighbour.
 
-    A view differs from each neighbour as much along its disparity as at the same place: the raster
-    of a sensor or a dither, which does not move, or wrong disparity. Or a picture midway to each
-    neighbour does not get better: warps from either side differ more from each other, or are
-    blurred more by sampling, than the cross-fade differs from both. Causes: two surfaces at one
-    place (glass, highlights), texture at the limit of sampling.
+    Either a view differs from each neighbour as much along its disparity as without it (a static
+    sensor or dither pattern, or wrong disparity). Or warping does not improve the picture midway to
+    each neighbour: warps from either side differ more from each other, or are blurred more by
+    sampling, than the cross-fade differs from both (two surfaces at one place, as with glass and
+    highlights, or texture at the limit of sampling).
     """
     own = here.astype(np.float32)
     energies = gradient_energies(here, neighbours)
@@ -251,7 +251,7 @@ def unexplained(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> N
 
 
 def _clean_mask(places: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """places without small ones, and with the gaps between the others."""
+    """places without small areas, and with small gaps closed."""
     opened = cv2.morphologyEx(
         places.astype(np.uint8), cv2.MORPH_OPEN, np.ones((MIN_AREA_PX, MIN_AREA_PX), np.uint8)
     )
@@ -286,7 +286,7 @@ def stored_map(
     here: Grey, neighbours: Neighbours, disparity_px: FloatMap | None, factor: int
 ) -> tuple[FloatMap, NDArray[np.bool_]]:
     """A map of a `compared` view, zeros for None, at the size and in the px of stored maps; and
-    where it is not known.
+    the mask of unknown values.
     """
     if disparity_px is None:
         disparity_px = np.zeros(here.shape, np.float32)
@@ -312,8 +312,8 @@ def halved(disparity_px: FloatMap) -> FloatMap:
 
 
 def neighbour_indices(row: int, col: int, rows: int, cols: int) -> list[tuple[int, int]]:
-    """The up to four neighbours of a place in the grid; if fewer, the diagonal ones too: at the
-    edge and in a small grid every view must see what others hide.
+    """The up to four neighbours of a grid index; with fewer than four, the diagonal ones too: at
+    the edge and in small grids, they see parts that the others do not.
     """
     steps = [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)]
     inside = [(row + r, col + c) for r, c in steps if 0 <= row + r < rows and 0 <= col + c < cols]
@@ -387,7 +387,7 @@ def estimate_disparity(
 
 
 def depth_range(disparity_px: FloatMap) -> Depth:
-    """The range of a map (h, w), with what may be its errors left out, and that of its border."""
+    """The range of a map (h, w) without likely errors, and the range at its border."""
     low, high = (round(float(value), 4) for value in np.percentile(disparity_px, (1, 99)))
     border_low, border_high = border_range(disparity_px)
     return Depth(min_px=low, max_px=high, border_low_px=border_low, border_high_px=border_high)
@@ -395,7 +395,7 @@ def depth_range(disparity_px: FloatMap) -> Depth:
 
 def border_range(disparity_px: FloatMap) -> tuple[float, float]:
     """Disparities of the farthest and the nearest thing at the left and right border of maps (...,
-    h, w), which the edge of a screen cuts off; NaN is not known.
+    h, w), which the screen edge cuts off; NaN means unknown.
     """
     width = max(1, round(BORDER * disparity_px.shape[-1]))
     values = np.concatenate((disparity_px[..., :width], disparity_px[..., -width:]), axis=None)

@@ -18,7 +18,7 @@ from lfpipe.files.safe_files import check_links, open_file, reason
 from lfpipe.host.files import proc_fd_path
 from lfpipe.host.terminal import opencv_logging
 
-# a light field of 100x100 views has half of this; a larger folder is something else
+# twice the files of a light field of 100x100 views
 MAX_FILES = 20_000
 PICTURES = (
     ".png",
@@ -35,20 +35,20 @@ PICTURES = (
     ".gif",
     *((".heic", ".heif") if find_spec("pillow_heif") else ()),
 )
-_GIVE = "give a folder of views, or a file that holds them"
+_GIVE = "give a folder of views, or a file that contains them"
 VIDEOS = (".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v")
 
 
 @attrs.frozen(kw_only=True)
 class Listing:
-    """The content of a path. `names`: the files directly in `folder` (one name if the path is a
-    file), with numbers in numeric order; `folders`: names of its subfolders.
-    """
+    """The content of a path."""
 
     path: Path
     folder: Path
     names: tuple[str, ...]
+    """Files directly in `folder` (one name if the path is a file), numbers in numeric order."""
     folders: tuple[str, ...]
+    """Names of subfolders."""
     is_file: bool
 
     def pictures(self) -> list[str]:
@@ -60,7 +60,7 @@ class Listing:
 
         Raises UserError if it is a link that leads out of the folder.
         """
-        if self.folder == self.path:  # else the user named this file
+        if self.folder == self.path:  # otherwise the user gave this file
             check_links(self.folder, [name])
         return self.folder / name
 
@@ -77,7 +77,7 @@ def natural(name: str) -> list[tuple[int, int, str]]:
 def list_scene(path: str | os.PathLike[str]) -> Listing:
     """Lists a scene's folder or file.
 
-    Raises UserError if it is missing, unreadable or holds too many files.
+    Raises UserError if it is missing, unreadable or contains too many files.
     """
     given = Path(path)
     where = str(path).replace("\n", r"\n")
@@ -126,15 +126,15 @@ def _entries(folder: Path) -> tuple[list[str], list[str]]:
             if len(names) + len(folders) > MAX_FILES:
                 raise UserError(
                     f"{folder}: more than {MAX_FILES} files; no light field has so many views",
-                    "give the folder that holds the views of one scene only",
+                    "give the folder that contains the views of one scene only",
                 )
     return names, folders
 
 
 @contextlib.contextmanager
 def library_errors(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Turns errors of the libraries that read files, and lack of memory, into UserError; silences
-    OpenCV's warnings about the files.
+    """Turns errors of decoding libraries, and lack of memory, into UserError; silences OpenCV's
+    warnings about the files.
     """
     try:
         with opencv_logging():
@@ -161,7 +161,7 @@ def read_bytes(path: Path, most_bytes: int = 1 << 20) -> bytes:
 
 
 def read_pfm(path: Path) -> NDArray[np.float32]:
-    """A PFM map, top row first, float32 (h, w); keeps values that are not finite.
+    """A PFM map, top row first, float32 (h, w); keeps NaN and infinity.
 
     Raises UserError.
     """

@@ -33,8 +33,8 @@ _NAMES = (
 
 
 def scene_manifest(scene: AnalysedScene) -> Manifest:
-    """What is known of an analysed scene before it is packed, in the order in which it is shown.
-    Offsets are rounded: a child's answer has at most 1 MB.
+    """The manifest of an analysed scene before it is packed, in display order. Offsets are rounded
+    to keep a child's answer below 1 MB.
     """
     manifest = manifest_of(scene)
     manifest = attrs.evolve(
@@ -48,11 +48,11 @@ def scene_manifest(scene: AnalysedScene) -> Manifest:
         ),
         offsets=manifest.offsets and np.round(manifest.offsets, 3).tolist(),
     )
-    return manifest.exchanged() if scene.orientation.invert_depth else manifest
+    return manifest.inverted() if scene.orientation.invert_depth else manifest
 
 
 def facts(manifest: Manifest, pack: str = "") -> dict[str, Any]:
-    """The facts of `lfpipe scene info --json`. pack: the folder, "" of what is not packed."""
+    """The facts of `lfpipe scene info --json`. pack: its folder, "" if there is none."""
     told = attrs.asdict(manifest)
     disparity = told["disparity"]
     low_px, high_px = disparity.pop("min_px"), disparity.pop("max_px")
@@ -89,7 +89,7 @@ def lines(manifest: Manifest, pack: str = "") -> list[str]:
     words = {
         "rows": "rows reversed",
         "cols": "columns reversed",
-        "transpose": "rows and columns exchanged",
+        "transpose": "rows and columns swapped",
     }
     turned = " and ".join(text for name, text in words.items() if getattr(manifest.flips, name))
     size = f"{manifest.rows}x{manifest.cols} views of {manifest.width}x{manifest.height} px"
@@ -138,8 +138,8 @@ def lines(manifest: Manifest, pack: str = "") -> list[str]:
 
 
 def expected_field(manifest: Manifest) -> LightField:
-    """What the pack of a scene that is not packed will be, with views and disparities of zeros that
-    take no memory, and the method of most scenes.
+    """The expected pack of an unpacked scene: views and disparities are zeros that take no memory,
+    and the method is that of most scenes.
     """
     warped = manifest.disparity.source is not DisparitySource.NONE
     return LightField.of(

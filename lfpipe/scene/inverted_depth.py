@@ -20,12 +20,12 @@ MAX_BYTES = 16  # yes or no
 
 
 def folder() -> Path:
-    """Where choices are kept; need not exist."""
+    """The folder of the choices; it need not exist."""
     return Path(platformdirs.user_state_dir("lfpipe")) / "depth_order"
 
 
 def remembered(field: LightField) -> str:
-    """ "yes", "no", "asked", or "" for a scene that nobody was asked about."""
+    """ "yes", "no", "asked", or "" if the user was not asked about this scene."""
     with contextlib.suppress(OSError, UnicodeDecodeError):
         word = read_bytes(folder() / field.manifest.key, MAX_BYTES).decode()
         return word if word in ("yes", "no", "asked") else ""
@@ -35,7 +35,7 @@ def remembered(field: LightField) -> str:
 def remember(field: LightField, word: str) -> None:
     """Stores the choice for this scene, by its content.
 
-    Does nothing if the folder cannot be written: the session goes on.
+    Does nothing if the folder is not writable: the session goes on.
     """
     with contextlib.suppress(OSError):
         write_file(folder() / field.manifest.key, word.encode())
@@ -45,11 +45,11 @@ def shown_as(field: LightField, setting: str) -> LightField:
     """The field in the order that scene.invert_depth = setting asks for. Copies nothing."""
     word = setting if setting != "auto" else remembered(field)
     turned = word == "yes" if word in ("yes", "no") else field.manifest.orientation.invert_depth
-    return field if turned == field.depth_inverted else field.exchanged()
+    return field if turned == field.depth_inverted else field.inverted()
 
 
 def undecided(field: LightField, setting: str) -> bool:
-    """Whether the depth order of the field is a guess that nobody was asked about."""
+    """Whether the depth order of the field is a guess that the user was not asked about."""
     return (
         setting == "auto"
         and not field.manifest.orientation.depth_order_sure

@@ -1,5 +1,5 @@
 """An opened light field in canonical order (row 0: top camera, column 0: left camera), and its
-manifest: the content of a pack's manifest.json, everything but the arrays.
+manifest: the content of a pack's manifest.json.
 """
 
 import enum
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lfpipe.scene.source import Geometry, GridTransform
 
-VERSION = 12  # of the pack; another version is another key
+VERSION = 12  # of the pack format; part of the cache key
 
 
 @attrs.frozen(kw_only=True)
@@ -22,7 +22,7 @@ class Depth:
 
     min_px: float = 0.0
     max_px: float = 0.0
-    # at the left and right border, which the edge of a screen cuts off
+    # at the left and right border, which the screen edge cuts off
     border_low_px: float = 0.0
     border_high_px: float = 0.0
 
@@ -33,7 +33,7 @@ class Depth:
 
 
 class DisparitySource(enum.StrEnum):
-    """Where disparity comes from; the values stand in manifests."""
+    """The source of disparity; manifests store the values."""
 
     NONE = "none"
     UNKNOWN = "unknown"  # not packed yet
@@ -42,7 +42,7 @@ class DisparitySource(enum.StrEnum):
 
 
 class OrderSource(enum.StrEnum):
-    """What determined the order of the views; the values stand in manifests."""
+    """The basis for the order of the views; manifests store the values."""
 
     NOTHING = "nothing"
     OVERRIDE = "override"
@@ -54,7 +54,7 @@ class OrderSource(enum.StrEnum):
 
 @attrs.frozen(kw_only=True)
 class Disparity(Depth):
-    """Where the disparities of a pack are from, and the step of the stored maps."""
+    """The source and range of a pack's disparities, and the step of the stored maps."""
 
     source: DisparitySource = DisparitySource.NONE
     scale_px: float = 1 / 16
@@ -62,7 +62,7 @@ class Disparity(Depth):
 
 @attrs.frozen(kw_only=True)
 class OrientationFacts:
-    """What determined the order of the views, as `orientation.Orientation` has it."""
+    """The basis for the order of the views, as in `orientation.Orientation`."""
 
     by: OrderSource = OrderSource.NOTHING
     sure: bool = True
@@ -77,9 +77,9 @@ class Manifest:
     """The content of manifest.json. Sizes are those of the arrays, in the order of the pack."""
 
     version: int = VERSION
-    complete: bool = True  # whether the packer has measured the disparity, as far as there is any
+    complete: bool = True  # whether the packer has measured the disparity, if there is any
     lfpipe: str = ""  # the version that made the pack
-    key: str = ""  # of the cache; "" for what is not packed
+    key: str = ""  # of the cache; "" if not packed
     name: str = ""
     source: str = ""
     layout: str = ""
@@ -104,8 +104,8 @@ class Manifest:
     notes: tuple[str, ...] = ()
     # PSNR in dB of held-out views by method
     scores: Mapping[str, float] = attrs.field(factory=dict)
-    method: str = ""  # that `auto` stands for; "" for what is not packed
-    checksum: str = ""  # of the rest
+    method: str = ""  # that `auto` selects; "" if not packed
+    checksum: str = ""  # of all other fields
 
     @property
     def views_shape(self) -> tuple[int, ...]:
@@ -117,7 +117,7 @@ class Manifest:
         """(frames, rows, cols, half height, half width)."""
         return self.frames, self.rows, self.cols, (self.height + 1) // 2, (self.width + 1) // 2
 
-    def exchanged(self) -> "Manifest":
+    def inverted(self) -> "Manifest":
         """In inverted depth order: rows and columns reversed, disparities negated."""
         turn = self.flips
         depth = self.disparity
@@ -147,7 +147,7 @@ class LightField:
     screen (gamma) values. A read-only memory map: reading a plane touches that plane only."""
     disparity: NDArray[np.int8] | None
     """(frames or 1, rows, cols, half height, half width), in steps of disparity_scale_px: the shift
-    in px of a stored view per grid step; positive: nearer than the plane of zero disparity. A point
+    in px of a stored view per grid step; positive: nearer than the zero-disparity plane. A point
     at (x, y) in view (r, c) appears at (x - d*(c'-c), y - d*(r'-r)) in view (r', c')."""
     disparity_scale_px: float  # negative in inverted depth order
     disparity_min_px: float
@@ -156,19 +156,19 @@ class LightField:
     offsets: NDArray[np.float32]
     """(rows, cols, 2): camera position minus regular grid position, in grid steps"""
     present: NDArray[np.bool_]
-    """(rows, cols): False where the source has no view; the nearest view is stored there"""
+    """(rows, cols): False if the source has no view; the nearest view is stored instead"""
     geometry: Geometry
     frame_rate_hz: float  # of light-field video; 0 for a still
     name: str
-    method: str  # the method that `auto` stands for: "nearest", "blend", "warp" or "warp2"
+    method: str  # the method that `auto` selects: "nearest", "blend", "warp" or "warp2"
     # of the pack, in the order of `views`
     manifest: Manifest = attrs.field(factory=Manifest)
     folder: str = ""  # of the pack, absolute
-    # ends the lock that keeps `lfpipe scene clean` from removing the pack
+    # releases the lock that keeps `lfpipe scene clean` from removing the pack
     hold: Callable[[], object] | None = None
     # farthest and nearest at the left and right border, px per view
     border_px: tuple[float, float] = (0.0, 0.0)
-    depth_inverted: bool = False  # rows and columns run against the pack's order
+    depth_inverted: bool = False  # rows and columns are reversed against the pack's order
 
     @classmethod
     def of(
@@ -179,7 +179,7 @@ class LightField:
         folder: str = "",
         hold: Callable[[], object] | None = None,
     ) -> Self:
-        """The light field of the arrays of a pack with this manifest."""
+        """The light field of a pack's arrays and manifest."""
         grid = manifest.rows, manifest.cols
         about = manifest.disparity
         offsets = np.zeros((*grid, 2)) if manifest.offsets is None else manifest.offsets
@@ -210,7 +210,7 @@ class LightField:
         )
 
     def close(self) -> None:
-        """Lets `lfpipe scene clean` remove the pack. Its maps last as long as their arrays."""
+        """Lets `lfpipe scene clean` remove the pack. Memory maps live as long as their arrays."""
         if self.hold is not None:
             self.hold()
 
@@ -220,7 +220,7 @@ class LightField:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def exchanged(self) -> "LightField":
+    def inverted(self) -> "LightField":
         """The same field in inverted depth order: rows and columns reversed, disparities negated.
         Copies nothing.
         """
@@ -234,14 +234,14 @@ class LightField:
             border_px=(-self.border_px[1], -self.border_px[0]),
             offsets=-self.offsets[::-1, ::-1],
             present=self.present[::-1, ::-1],
-            manifest=self.manifest.exchanged(),
+            manifest=self.manifest.inverted(),
             depth_inverted=not self.depth_inverted,
         )
 
     @cached_property
     def needs_eyes(self) -> bool:
-        """Whether the picture depends on the eyes: of a single view, or of equal ones, it is the
-        same from everywhere. The outermost views of most scenes answer.
+        """Whether the picture depends on the eyes. It does not for a single view, or for equal
+        views. Comparing the outermost views suffices for most scenes.
         """
         if self.rows * self.cols == 1:
             return False
@@ -253,7 +253,7 @@ class LightField:
 
     @property
     def complete(self) -> bool:
-        """Whether the packer has measured the disparity, as far as there is any."""
+        """Whether the packer has measured the disparity, if there is any."""
         return self.manifest.complete
 
     @property

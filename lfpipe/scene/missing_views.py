@@ -15,7 +15,7 @@ _HIDDEN_PX = 1.0  # parallax that separates a surface from the one behind it
 
 
 def nearest_present(present: NDArray[np.bool_], row: int, col: int) -> tuple[int, int]:
-    """The present view closest to (row, col), the first in order among equals."""
+    """The present view closest to (row, col); among equals, the first in order."""
     rows, cols = np.nonzero(present)
     best = int(np.argmin((rows - row) ** 2 + (cols - col) ** 2))
     return int(rows[best]), int(cols[best])
@@ -45,8 +45,7 @@ def warped_disparity(disparity: FloatMap, down: float, across: float) -> FloatMa
         empty = np.isinf(out)
         if not empty.any():
             break
-        # the default border is the largest float,
-        # which is less than infinity and would spread inwards
+        # the default border is the largest float, which is finite and would spread inwards
         out = np.where(
             empty, cv2.erode(out, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE), out
         )
@@ -54,7 +53,7 @@ def warped_disparity(disparity: FloatMap, down: float, across: float) -> FloatMa
 
 
 def nearest(usable: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """By pixel (h, w), the flat index of the nearest usable one."""
+    """The flat index of the nearest usable pixel, by pixel (h, w)."""
     _, labels = cv2.distanceTransformWithLabels(
         (~usable).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )
@@ -69,7 +68,7 @@ def warped_view(
     """A view warped to the one `down` rows and `across` columns further, (h, w) or (h, w, 3).
     target: `warped_disparity` of disparity.
 
-    If the source of a pixel shows something nearer, the pixel was hidden: the nearest pixel at its
+    If the source of a pixel shows a nearer surface, the pixel was hidden: the nearest pixel at its
     depth fills it.
     """
     by_px = np.dstack((target * np.float32(across), target * np.float32(down)))

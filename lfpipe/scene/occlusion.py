@@ -1,4 +1,4 @@
-"""Occlusion: near surfaces hide far ones, the only cue in pictures for a grid's depth order."""
+"""Occlusion of far surfaces by near ones, the only cue in pictures for a grid's depth order."""
 
 from collections.abc import Callable
 
@@ -12,7 +12,7 @@ UNMISTAKABLE, AGAINST = (
     16,
     10,
 )  # agreeing positions required, and how many of them one opposing position cancels
-# grey levels between two surfaces; between a surface and what is seen
+# grey levels between two surfaces; between a surface and the observed view
 DIFFERENT, SAME, WRONG = 10, 3, 6
 # positions along the shorter side of a view, one vote each; its pixels must agree by this many
 SIDE, MAJORITY = 20, 3
@@ -21,7 +21,7 @@ SIDE, MAJORITY = 20, 3
 def hides(right: int, wrong: int) -> int:
     """1 if near surfaces clearly occlude far ones, -1 for the reverse, 0 if ambiguous.
 
-    right, wrong: counts of positions. Glow, blur and repetition mislead at many of them at once.
+    right, wrong: counts of positions. Glow, blur and repetition mislead at many positions at once.
     Real light fields: antinous 104 / 1, stillLife 76 / 3, monasroom 57 / 0 and lytro 46 / 2 are
     certain; newshot01 44 / 4, quilt 77 / 42, lego knights 82 / 10, toys 4 / 0, airplane 0 / 2 and
     illum_field 0 / 0 stay ambiguous. Of 170 synthetic, reordered and disturbed sets none is wrong.
@@ -34,8 +34,8 @@ def hides(right: int, wrong: int) -> int:
 def places(
     view: Callable[[int], Grey], count: int, disparity_px: FloatMap, reliable: Mask, sideways: bool
 ) -> tuple[int, int]:
-    """(right, wrong): numbers of positions where the outermost views of a line show the nearer of
-    two surfaces that meet, and the farther one.
+    """(right, wrong): numbers of positions where two surfaces meet and the outermost views of a
+    line show the nearer or the farther one, respectively.
 
     view(0) .. view(count - 1): the line; disparity_px: of its middle view, float32 (h, w), per
     step; reliable: where it holds.
@@ -68,8 +68,8 @@ def _sharpened(disparity_px: FloatMap, picture: Grey) -> FloatMap:
 def _votes(
     here: Grey, disparity_px: FloatMap, reliable: Mask, there: Grey, steps: int, sideways: bool
 ) -> NDArray[np.int32]:
-    """By pixel of a view, int32 (h, w): 1 where two surfaces meet in the view `steps` further and
-    that shows the nearer one, -1 where it shows the farther one.
+    """Votes by pixel of a view, int32 (h, w): 1 if two surfaces meet in the view `steps` further
+    and that view shows the nearer one, -1 if it shows the farther one.
     """
     height, width = here.shape
     far_first = np.argsort(disparity_px, axis=None, kind="stable")

@@ -1,4 +1,4 @@
-"""One way to open a scene: its pack from the cache, or the packer's work, whoever asks."""
+"""Opens scenes for all callers: from the cache, or by running the packer."""
 
 import contextlib
 import logging
@@ -21,7 +21,7 @@ from lfpipe.scene.source import Progress
 
 log = logging.getLogger(__name__)
 
-SILENT_S = 60.0  # without a step: a large picture on a slow disk
+SILENT_S = 60.0  # limit without a step: a large picture on a slow disk
 ScenePath = str | os.PathLike[str]
 
 
@@ -37,34 +37,32 @@ class PackerRequest:
     do: Literal["pack", "info", "previews"] = "pack"
     scenes: tuple[str, ...] = attrs.field(converter=_plain)
     settings: config.Scene
-    # pack: whether folders of light fields stand for what is in them
+    # pack: whether to replace folders of light fields by their content
     expand: bool = False
-    # pack: whether to note the scene as recent
+    # pack: whether to add the scene to the recent ones
     remember: bool = False
-    # pack: "module:function" that scores the methods on a LightField, -> {method: PSNR in dB}; the
-    # packages that draw are above this one. "": the method is chosen without scores
+    # pack: "module:function" that scores the methods on a LightField, -> {method: PSNR in dB}; this
+    # package must not import the rendering packages. "": the method is chosen without scores
     scorer: str = ""
 
 
 class Packing(Worker):
-    """The packer at work on a request.
-
-    views: the summary of the pack as soon as it can be shown. scenes: with expand, the light fields
-    that the paths stand for.
-    step, share: what it is doing, for people, and the share of that which is done; "" before the
-    first.
-    """
+    """A packer process that works on a request."""
 
     def __init__(self, request: PackerRequest, progress: Progress | None = None) -> None:
         self.views: SceneSummary | None = None
+        """Summary of the pack as soon as it can be shown."""
         self.scenes: list[Path] = []
+        """With expand: the light fields that replace the paths."""
         self.step = ""
+        """The current step, for people; "" before the first."""
         self.share = 0.0
+        """The completed share of the step, 0 to 1."""
         self.progress = progress
         super().__init__("lfpipe.scene.packer", attrs.asdict(request), request.scenes[0], SILENT_S)
 
     def on_step(self, step: dict[str, Any]) -> None:
-        """Notes a step of the packer."""
+        """Processes a step of the packer."""
         if "step" in step:
             self.step = "{step} {done} of {total}".format(**step)
             self.share = step["done"] / max(1, step["total"])
@@ -84,13 +82,14 @@ class Packing(Worker):
 
 @attrs.frozen
 class Opened:
-    """scenes: the light fields that paths stand for. field: the first. packing: the packer while it
-    works on its disparity.
-    """
+    """An opened scene."""
 
     scenes: list[Path]
+    """The light fields that replace the paths."""
     field: LightField
+    """The first of them."""
     packing: Packing | None = None
+    """The packer while it estimates the disparity of `field`."""
 
 
 def open_scenes(
@@ -104,9 +103,9 @@ def open_scenes(
 ) -> Opened:
     """Opens the first of the light fields at paths as soon as it can be shown.
 
-    An empty sequence stands for the demo. progress: called from this thread. scorer: as in
-    `PackerRequest`. complete: with its disparity, for pictures that are kept. expand: a folder of
-    light fields stands for those in it. Raises UserError.
+    An empty sequence means the demo. progress: called from this thread. scorer: as in
+    `PackerRequest`. complete: wait for the disparity, for pictures that are saved. expand: replace
+    a folder of light fields by its content. Raises UserError.
     """
     paths = [named_scene(path, cache_dir(settings)) for path in paths] or [
         demo_scene(cache_dir(settings))
@@ -140,8 +139,7 @@ def open_scene(
     *,
     scorer: str = "",
 ) -> LightField:
-    """The light field at path, or the demo's, complete: packed now by a child process unless it has
-    been before.
+    """The complete light field at path, or the demo; a child process packs it unless it is cached.
 
     progress: called from this thread. scorer: as in `PackerRequest`. Raises UserError.
     """
@@ -150,12 +148,12 @@ def open_scene(
 
 
 def absolute_path(path: Path, settings: config.Scene) -> Path:
-    """A scene's path for another process; of demo:NAME its folder. Raises UserError."""
+    """A scene's path for another process; for demo:NAME, its folder. Raises UserError."""
     return named_scene(path, cache_dir(settings)).resolve()
 
 
 def ask_manifest(path: Path, settings: config.Scene, progress: Progress | None = None) -> Manifest:
-    """The manifest of the scene at path, which the packer analyses but does not pack.
+    """The manifest of the scene at path. The packer analyses the scene but does not pack it.
 
     Raises UserError.
     """

@@ -1,5 +1,4 @@
-"""Dense optical flow between two pictures, where it can be relied on, and the views of a scene
-prepared for it.
+"""Dense optical flow between two pictures, its reliability, and views prepared for it.
 
 Dense inverse search (DIS): Kroeger, Timofte, Dai, Van Gool, "Fast Optical Flow using Dense Inverse
 Search", ECCV 2016, as implemented in OpenCV.
@@ -28,12 +27,12 @@ _FINEST_SCALE = 0
 _PATCH_PX = 4
 _PATCH_STRIDE_PX = 3
 _SMOOTHINGS = 2
-_DESCENTS = 8  # steps that a patch needs to reach a place far from where it starts
+_DESCENTS = 8  # steps that a patch needs from a distant start
 _DESCENTS_NEAR = 3  # steps that it needs from a start that is nearly right
 _RETURN_PX, _RETURN_SHARE = 0.5, 0.1  # tolerance of flow followed back: px, and share of the way
-_FIT_ROUNDS = 6  # of a robust fit: weights hardly change any more
-_LUMA = np.array([[0.299, 0.587, 0.114]], np.float32)  # BT.601's, as OpenCV turns colours to grey
-LOOK_PX = 1 << 17  # of a view, enough to judge order and fit
+_FIT_ROUNDS = 6  # of a robust fit: weights hardly change afterwards
+_LUMA = np.array([[0.299, 0.587, 0.114]], np.float32)  # BT.601, as in OpenCV
+LOOK_PX = 1 << 17  # pixels of a view, enough to determine order and fit
 _DARK = 0.2  # views with a lower mean are brightened
 _here = threading.local()  # flow engines of each thread
 
@@ -48,8 +47,8 @@ def flow(a: Grey, b: Grey) -> FloatMap:
 def fine_flow(a: Grey, b: Grey, start: FloatMap | None = None) -> FloatMap:
     """`flow` down to single pixels, in twice the time.
 
-    start: a guess, float32 (h, w, 2), overwritten. Each patch begins at the guess or at what the
-    next coarser scale says, whichever matches better.
+    start: a guess, float32 (h, w, 2), overwritten. Each patch starts from the guess or from the
+    result of the next coarser scale, whichever matches better.
     """
     engine = _engine(fine=True)
     engine.setGradientDescentIterations(_DESCENTS if start is None else _DESCENTS_NEAR)
@@ -57,7 +56,7 @@ def fine_flow(a: Grey, b: Grey, start: FloatMap | None = None) -> FloatMap:
 
 
 def _engine(fine: bool) -> cv2.DISOpticalFlow:
-    """This thread's engine: engines own buffers."""
+    """This thread's engine; engines have buffers of their own."""
     engines: dict[bool, cv2.DISOpticalFlow] = _here.__dict__.setdefault("engines", {})
     if fine not in engines:
         engine = engines[fine] = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
@@ -70,21 +69,21 @@ def _engine(fine: bool) -> cv2.DISOpticalFlow:
 
 
 def _calculated(engine: cv2.DISOpticalFlow, a: Grey, b: Grey, start: FloatMap | None) -> FloatMap:
-    # Always with a start: without one, the engine takes the start of its last call.
+    # Always with a start: without one, the engine uses the start of its last call.
     guess = np.zeros((*a.shape, 2), np.float32) if start is None else start
     return np.asarray(engine.calc(a, b, guess), np.float32)
 
 
 @lru_cache(maxsize=2)
 def grid_xy(height: int, width: int) -> tuple[FloatMap, FloatMap]:
-    """x and y of every pixel, float32 (h, w) each; cached, not to be changed."""
+    """x and y of every pixel, float32 (h, w) each; cached, so do not modify them."""
     yy, xx = np.mgrid[:height, :width].astype(np.float32)
     return xx, yy
 
 
 def displaced(picture: NDArray[Any], by_px: FloatMap, how: int = cv2.INTER_LINEAR) -> NDArray[Any]:
-    """A picture sampled by_px, float32 (h, w, 2) as (x, y), away from every pixel; beyond its
-    border that repeats.
+    """A picture sampled by_px, float32 (h, w, 2) as (x, y), away from every pixel; the border is
+    repeated.
     """
     xx, yy = grid_xy(*by_px.shape[:2])
     return np.asarray(
@@ -113,8 +112,8 @@ def returned_flow(a: Grey, b: Grey) -> tuple[FloatMap, Mask]:
 def robust_fit(
     matrix: NDArray[np.float64], values: NDArray[np.float64], tolerance: float
 ) -> NDArray[np.float64]:
-    """Least-squares solution in which what is off by more than the tolerance, because it moves
-    otherwise, counts by its amount and not by its square (Huber's weights).
+    """Least-squares solution with Huber's weights: residuals above the tolerance, from parts with
+    another motion, count by their amount and not by their square.
     """
     weights = np.ones(len(values))
     for _ in range(_FIT_ROUNDS):
@@ -126,7 +125,7 @@ def robust_fit(
 
 
 def textured(picture: Grey) -> Mask:
-    """The fifth of the pixels with the strongest edges, unless they are too weak."""
+    """The 20 % of the pixels with the strongest edges, unless those are too weak."""
     edges = np.abs(cv2.Sobel(picture, cv2.CV_32F, 1, 0)) + np.abs(
         cv2.Sobel(picture, cv2.CV_32F, 0, 1)
     )
@@ -135,8 +134,8 @@ def textured(picture: Grey) -> Mask:
 
 @lru_cache(maxsize=2)
 def grey_views(source: SceneSource, most_px: float = LOOK_PX) -> Callable[[int, int], Grey]:
-    """Views by file place for optical flow: grey, 8 bit; dark (linear-light) scenes are brightened
-    so that it finds texture.
+    """Views by file index for optical flow: grey, 8 bit; dark (linear-light) scenes are brightened
+    so that the flow finds texture.
 
     Views of more than most_px are reduced.
     """

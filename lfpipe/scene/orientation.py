@@ -31,13 +31,13 @@ from lfpipe.scene.optical_flow import (
 )
 from lfpipe.scene.source import GridTransform, SceneSource
 
-# motion per step that is no noise; motion along a line of views over motion across it
+# minimum motion per step above noise; motion along a line of views over motion across it
 MIN_PX, ALONG = 0.05, 2.0
-ALIKE = 0.4  # least correlation of the disparities along rows and along columns of a grid in order
-TRUTH_LEADS = 0.2  # share by which true disparity matches better in one order than in all others
+ALIKE = 0.4  # minimum correlation of disparities along rows and columns of an ordered grid
+TRUTH_LEADS = 0.2  # share by which true disparity must match better in one order than in all others
 SPREAD_PX = 3.0  # flow that separates surfaces
-FEWEST = 200  # reliable pixels; fewer mean nothing
-_TURN_HELP = "scene.flip=rows or cols and scene.transpose=yes turn it"
+FEWEST = 200  # reliable pixels; fewer are not significant
+_TURN_HELP = "scene.flip=rows or cols and scene.transpose=yes correct it"
 _DEPTH_HELP = (
     "depth order: press d in the window, or set scene.invert_depth=yes, if the depth looks inverted"
 )
@@ -45,12 +45,12 @@ _DEPTH_HELP = (
 
 @attrs.frozen(kw_only=True)
 class Orientation:
-    """The order of the views, and what determines it."""
+    """The order of the views, and its basis."""
 
     turn: GridTransform  # from file order to canonical order
     by: OrderSource
     reason: str  # for people
-    undecided: str = ""  # what stays ambiguous, "" for nothing
+    undecided: str = ""  # any ambiguity left
     depth_order_sure: bool = True
     detected: GridTransform | None = None  # `turn` without the user's setting, if that differs
     depth: Depth | None = None  # of the middle view, in the order of the pack
@@ -61,12 +61,12 @@ class Orientation:
 
     @property
     def invert_depth(self) -> bool:
-        """Whether the order of the pack inverts depth. The user's own order is packed as is."""
+        """Whether the order of the pack inverts depth. An order set by the user is packed as is."""
         return self.by is not OrderSource.OVERRIDE and self.turn.cols
 
     @property
     def packed(self) -> GridTransform:
-        """The transform of a pack: without inverted depth, which is state of the session."""
+        """The transform of a pack, without inverted depth, which is session state."""
         return (
             GridTransform(not self.turn.rows, False, self.turn.transpose)
             if self.invert_depth
@@ -86,7 +86,7 @@ class Orientation:
 
     @property
     def facts(self) -> OrientationFacts:
-        """As manifests and `lfpipe scene info` have it."""
+        """The facts for manifests and `lfpipe scene info`."""
         return OrientationFacts(
             by=self.by,
             sure=self.sure,
@@ -113,7 +113,7 @@ class Axis:
 def orient(source: SceneSource, scene: config.Scene) -> Orientation:
     """The transform to canonical order: from the user's setting, else from coordinates or the
     layout, checked against true disparity, else from optical flow between a few views. Includes
-    what the layout leaves ambiguous.
+    the ambiguities of the layout.
     """
     best = _detected(source)
     if source.doubt:
@@ -144,7 +144,7 @@ def orient(source: SceneSource, scene: config.Scene) -> Orientation:
 
 
 def _depth(source: SceneSource, order: Orientation) -> Depth | None:
-    """Of the middle view: from its true map, else from the flow to a neighbour."""
+    """The depth range of the middle view: from its true map, else from the flow to a neighbour."""
     row, col = source.middle
     if order.truth_sign and (row, col) in source.truth:
         return depth_range(source.truth[row, col]() * np.float32(order.truth_sign))
@@ -168,8 +168,8 @@ def _detected(source: SceneSource) -> Orientation:
     truth = None if source.rendered else _by_truth(source)
     if truth not in (None, source.turn):
         reason = (
-            f"{source.turn_by}, but true disparity lands on the neighbouring views only when turned"
-            " otherwise"
+            f"{source.turn_by}, but true disparity matches the neighbouring views only in another"
+            " order"
         )
         return Orientation(turn=truth, by=OrderSource.TRUTH, reason=reason)
     stated = Orientation(
@@ -179,7 +179,7 @@ def _detected(source: SceneSource) -> Orientation:
     )
     if truth is not None or source.turn_firm:
         confirmation = (
-            "" if truth is None else "; true disparity lands on the neighbouring views so"
+            "" if truth is None else "; true disparity matches the neighbouring views in this order"
         )
         return attrs.evolve(stated, reason=stated.reason + confirmation)
     by_flow = _by_flow(source)
@@ -206,8 +206,8 @@ def _detected(source: SceneSource) -> Orientation:
 
 
 def _by_truth(source: SceneSource) -> GridTransform | None:
-    """The transform under which the true map of the middle view matches its neighbours best; the
-    layout's unless another one is clearly better; None without a map.
+    """The transform with which the true map of the middle view matches its neighbours best: that of
+    the layout unless another one is clearly better; None without a map.
     """
     row, col = source.middle
     inside = (
@@ -267,7 +267,7 @@ def _by_flow(source: SceneSource) -> Orientation:
         if moving[0].sideways == moving[1].sideways or abs(alike) < ALIKE:
             return unknown(
                 f"rows and columns of views hardly agree (correlation {alike:+.2f})",
-                "rows against columns",
+                "the direction of rows relative to columns",
             )
         relative = -1 if alike < 0 else 1
         reason = f"motion along rows and columns agrees with correlation {alike:+.2f}"
@@ -279,7 +279,7 @@ def _by_flow(source: SceneSource) -> Orientation:
             f"one line of views, {'side by side' if moving[0].sideways else 'above one another'}"
         )
         if across is not None and down is not None:
-            undecided = "whether the grid is one: along one side of it the views hardly differ"
+            undecided = "whether this is a grid: along one side, the views hardly differ"
     votes = [
         (axis.right, axis.wrong)[::sign] for axis, sign in zip(moving, (1, relative), strict=False)
     ]
@@ -302,9 +302,8 @@ def _by_flow(source: SceneSource) -> Orientation:
 
 
 def measure_axis(view: Callable[[int], Grey], count: int) -> Axis | None:
-    """Measurements from the views view(0) ..
-
-    view(count - 1) along one axis of the grid; None if there are fewer than two.
+    """Measurements from the views view(0) .. view(count - 1) along one axis of the grid; None if
+    there are fewer than two.
     """
     if count < 2:
         return None
@@ -356,7 +355,7 @@ def same_way(a: Axis, b: Axis) -> float:
         return 0.0
     varied = min(first.std(), second.std()) >= 1e-6
     alike = float(np.corrcoef(first, second)[0, 1]) if varied else 0.0
-    # A flat wall has nothing to correlate; it moves as one, equally along both axes.
+    # A flat wall has no disparity differences to correlate, but moves equally along both axes.
     if abs(alike) < 0.5 and all(abs(v.mean()) > max(0.3, 3 * v.std()) for v in (first, second)):
         ratio = float(first.mean() / second.mean())
         return math.copysign(0.9, ratio) if 0.5 < abs(ratio) < 2 else alike
@@ -364,9 +363,8 @@ def same_way(a: Axis, b: Axis) -> float:
 
 
 def _motion_px(flow_px: FloatMap, use: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Amount of motion along x and y, float64 (2,): the spread between surfaces and their common
-    motion, because a flat wall moves as one. flow_px: float32 (h, w, 2); use: pixels that count, if
-    they are enough.
+    """Amount of motion along x and y, float64 (2,): the spread between surfaces, and their common
+    motion for flat walls. flow_px: float32 (h, w, 2); use: pixels to use, if there are enough.
     """
     values = flow_px[use] if np.count_nonzero(use) >= FEWEST else flow_px.reshape(-1, 2)
     low, middle, high = np.percentile(values, (5, 50, 95), axis=0)

@@ -1,13 +1,12 @@
-"""A pack on disk: planar arrays opened as read-only memory maps, and manifest.json with everything
-else.
+"""A pack on disk: planar arrays, opened as read-only memory maps, and manifest.json.
 
 - views.npy: uint8 (frames, rows, cols, channels, height, width); locked while a light field of the
   pack is open
 - disparity.npy: int8 (frames, rows, cols, half height, half width); only of a complete pack
 - manifest.json: written last; "complete": whether all views and the disparity are there;
-  "checksum": of the rest of it
+  "checksum": of all other fields
 
-Views come first: a pack without disparity can be shown.
+Views are written first: a pack without disparity can be shown.
 """
 
 import contextlib
@@ -58,9 +57,7 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
 
 @contextlib.contextmanager
 def _reading(folder: Path) -> Iterator[None]:
-    """Turns what reading a pack raises, which lfpipe may not have written, into
-    DamagedPackError.
-    """
+    """Turns any exception of reading a pack, perhaps not lfpipe's own, into DamagedPackError."""
     try:
         yield
     except DamagedPackError:
@@ -78,7 +75,7 @@ def read_manifest(folder: Path) -> Manifest:
     Raises DamagedPackError if it is missing, changed or of another version.
     """
     with _reading(folder):
-        # the manifest of 20,000 views with their offsets has about 1 MB
+        # the manifest of 20,000 views with offsets has about 1 MB
         manifest = json_fields(read_bytes(folder / MANIFEST, 16 << 20), MANIFEST, "").values
         if manifest.get("version") != VERSION:
             raise ValueError(f"it has another version; this lfpipe reads version {VERSION}")
@@ -90,8 +87,8 @@ def read_manifest(folder: Path) -> Manifest:
 def make_array(
     path: Path, shape: tuple[int, ...], dtype: Any = np.uint8
 ) -> Callable[[], NDArray[Any]]:
-    """Makes an .npy file of zeros, with its room on the disk: a full one is an error now, and no
-    signal later. Raises OSError.
+    """Makes an .npy file of zeros and allocates its disk space: a full disk raises OSError now, not
+    a signal (SIGBUS) later.
     """
     np.lib.format.open_memmap(path, "w+", dtype, shape)
     reserve(path)
@@ -99,21 +96,20 @@ def make_array(
 
 
 def mapper(path: Path) -> Callable[[], NDArray[Any]]:
-    """A function that maps the array of an .npy file, to read and to write from any thread. Call it
-    anew for every piece: touched pages of a map count as memory of the process as long as it
-    exists.
+    """A function that maps the array of an .npy file for reading and writing in any thread. Call it
+    for every block: touched pages count as memory of the process as long as the map exists.
     """
-    # once: two threads that parse a header fail now and then (Python 3.11.7)
+    # once: parsing a header in two threads occasionally fails (Python 3.11.7)
     array = np.lib.format.open_memmap(path, "r+")
     return partial(np.memmap, path, array.dtype, "r+", array.offset, array.shape)
 
 
 def _mapped(path: Path, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
-    """A read-only map of an .npy file. Raises OSError, and ValueError if it is another array."""
+    """A read-only map of an .npy file. Raises OSError, and ValueError for another type or shape."""
     check_regular(path)
     array = np.lib.format.open_memmap(path, mode="r")
     if array.shape != shape or array.dtype != dtype or not array.flags.c_contiguous:
-        raise ValueError(f"{path.name} is no array of {np.dtype(dtype)} {shape}")
+        raise ValueError(f"{path.name} is not an array of {np.dtype(dtype)} {shape}")
     return np.asarray(array)
 
 
@@ -149,7 +145,7 @@ def open_pack(folder: Path, invert_depth: str = "auto") -> LightField:
 def light_field(folder: Path, manifest: Manifest) -> LightField:
     """The light field of a pack with this manifest.
 
-    Raises OSError, ValueError and others for what lfpipe did not write.
+    Raises OSError, ValueError and others if lfpipe did not write it.
     """
     disparity = None
     if manifest.complete and manifest.disparity.source is not DisparitySource.NONE:
@@ -163,7 +159,7 @@ def light_field(folder: Path, manifest: Manifest) -> LightField:
 
 
 def summarize(field: LightField) -> SceneSummary:
-    """What a session needs to know of an opened pack."""
+    """The summary of an opened pack for a session."""
     same = (
         *("name", "frames", "rows", "cols", "height_px", "width_px"),
         *("method", "complete", "depth_inverted", "needs_eyes"),

@@ -1,13 +1,13 @@
-"""The packer: the only program that reads a person's pictures, as a child with limits on memory,
-time and output.
+"""The packer: the only program that reads the user's pictures, in a child process with limits on
+memory, time and output.
 
-`python -m lfpipe.scene.packer`, by `open_scene.Packing`. Its request is a `PackerRequest`. Steps,
-each a JSON object:
+`open_scene.Packing` runs `python -m lfpipe.scene.packer` with a `PackerRequest`. Steps, each a JSON
+object:
 
     {"scenes": [path, ...]}                     expand: the light fields; the first is opened
     {"step": "views", "done": 7, "total": 81}   progress
     {"summary": {...}}                          the pack can be shown, still without disparity
-    {"log": "..."}                              what was decided, and why
+    {"log": "..."}                              a decision and its reason
 
 Result: the summary of the pack; the `Manifest` of the scene; or nothing after previews, which are
 steps {"preview": path, "data": base 64, "" for none}.
@@ -44,8 +44,8 @@ from lfpipe.scene.recent_scenes import remember_scene
 from lfpipe.scene.source import SceneSource
 
 PREVIEW_PX = (320, 240)  # at most
-PREVIEW_BYTES = 45_000  # a control message has room for this
-# the first that fits: lossless, for people's pictures, and for noise
+PREVIEW_BYTES = 45_000  # fits into a control message
+# the first that fits is used: lossless, for photographs, and for noise
 PREVIEW_FORMATS: tuple[tuple[str, tuple[int, ...]], ...] = (
     (".png", ()),
     (".jpg", (cv2.IMWRITE_JPEG_QUALITY, 85)),
@@ -55,7 +55,7 @@ MEMORY_BYTES = 1 << 30  # mapped files do not count
 
 
 class _LogOfParent(logging.Handler):
-    """Hands what is logged to the parent, which shows it with -v."""
+    """Sends log records to the parent, which prints them with -v."""
 
     def __init__(self, report: Report) -> None:
         super().__init__()
@@ -80,7 +80,7 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
 
     def views_ready(pack: Path) -> None:
         with contextlib.suppress(OSError):
-            os.nice(15)  # from now on it works beside the session that shows the pack
+            os.nice(15)  # from now on, the session shows the pack at the same time
         report(summary=attrs.asdict(summarize(open_pack(pack, settings.invert_depth))))
 
     if asked.do == "previews":
@@ -93,14 +93,14 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
         paths = playlist(paths, settings)
         report(scenes=[str(path) for path in paths])
     field = pack_scene(paths[0], settings, _scorer(asked.scorer), progress, views_ready)
-    # the demo is always there
+    # the demo is always available
     if asked.remember and not paths[0].is_relative_to(cache_root(settings)):
         remember_scene(paths[0])
     return attrs.asdict(summarize(field))
 
 
 def _scorer(name: str) -> Score:
-    """The function that a request names; without a name, one that scores no method."""
+    """The function that a request names; without a name, a function that scores no method."""
     if not name:
         return lambda field: {}
     module, _, function = name.partition(":")
@@ -109,11 +109,11 @@ def _scorer(name: str) -> Score:
 
 
 def playlist(paths: Iterable[Path], settings: Scene) -> list[Path]:
-    """Replaces each folder in paths that is no light field itself, or only by one of its files, by
-    the light fields in it, in order of name.
+    """Replaces each folder that is not a light field itself, or only by one of its files, by the
+    light fields in it, in order of name.
 
-    A path that is neither stays: opening it reports the error. Single pictures in a folder do not
-    count.
+    A path that is neither is kept: opening it reports the error. Single pictures in a folder are
+    ignored.
     """
     scenes: list[Path] = []
     for path in paths:
@@ -148,8 +148,8 @@ def _light_field_at(path: Path, settings: Scene) -> SceneSource | None:
 
 
 def _preview(path: Path, settings: Scene) -> str:
-    """The view in the middle of a scene, of at most PREVIEW_PX, a PNG or JPEG in base 64; "" if
-    there is none.
+    """The middle view of a scene, at most PREVIEW_PX, as PNG or JPEG in base 64; "" if there is
+    none.
     """
     try:
         view = _middle_view(path, settings)

@@ -1,5 +1,5 @@
-"""Makes a pack of a light field in any layout, in canonical order: first its views, then its
-disparity, from the flow between neighbouring views, or truth if it exists and matches better.
+"""Packs a light field of any layout in canonical order: first the views, then the disparity, from
+the flow between neighbouring views, or true disparity if it exists and matches better.
 """
 
 import os
@@ -69,10 +69,10 @@ from lfpipe.scene.source import Progress
 T = TypeVar("T")
 # PSNR in dB of held-out views of a packed light field by method
 Score = Callable[[LightField], dict[str, float]]
-_ROOM_BYTES = 200_000_000  # for views that are worked on at the same time
+_ROOM_BYTES = 200_000_000  # for views that are processed at the same time
 _INTERIM_PX = 1 / 64  # step of the interim int16 maps, until the range of the whole scene is known
 _UNKNOWN = -32768  # in the interim maps: UNKNOWN
-_NO_LIMIT_PX = 400.0  # larger values in a map are impossible between neighbours
+_NO_LIMIT_PX = 400.0  # larger disparities between neighbours are impossible
 
 
 def pack_scene(
@@ -82,13 +82,13 @@ def pack_scene(
     progress: Progress = lambda what, done, total: None,
     views_ready: Callable[[Path], None] = lambda pack: None,
 ) -> LightField:
-    """The light field at path, from its pack, which is made now unless there is a complete one.
-    Call it in a process with limits (`packer`): it reads a person's pictures.
+    """The light field at path; packs it unless there is a complete pack. Call it in a process with
+    limits (`packer`): it reads the user's pictures.
 
     score: scores the methods, once there is disparity. progress: called from this thread.
     views_ready: called with the pack's folder as soon as it can be shown without disparity. Several
-    processes may call this at once; what a killed one leaves, a later call makes again. Raises
-    UserError.
+    processes may call this at once; a later call replaces the unfinished pack of a killed process.
+    Raises UserError.
     """
     field = cache.packed(path, settings, complete=True)
     if field is not None:
@@ -122,7 +122,7 @@ def pack_scene(
 def manifest_of(scene: AnalysedScene, key: str = "") -> Manifest:
     """The manifest of a pack without disparity.
 
-    Its range is that of the few views that were compared.
+    The disparity range is that of the few analysed views.
     """
     source = scene.source
     known = scene.orientation.depth is not None
@@ -165,11 +165,11 @@ def _view_writer(
     scene: AnalysedScene, out: Callable[[], NDArray[Any]]
 ) -> Callable[[FrameIndex], None]:
     """A function that decodes one view into the array that out() maps; it raises UserError, and
-    NotGreyError if the view has colour but the pack has no planes for it.
+    NotGreyError if the view has colour but the pack has one plane.
     """
     source = scene.source
     values = np.arange(source.max_value + 1, dtype=np.float64) / source.max_value
-    # the screen value of each value of the source
+    # lookup table from source values to screen values
     table = np.asarray(np.rint(255 * values ** (1 / scene.gamma)), np.uint8)
 
     def write(place: FrameIndex) -> None:
@@ -189,8 +189,8 @@ def _view_writer(
 def _write_views(
     scene: AnalysedScene, folder: Path, can_be_shown: Callable[[], None], progress: Progress
 ) -> None:
-    """Writes the views of a new pack, those nearest to the middle of the grid first; missing ones
-    get a copy of the nearest view. Writes the manifest after the first views and calls
+    """Writes the views of a new pack, those nearest to the middle of the grid first; a missing view
+    gets a copy of the nearest one. Writes the manifest after the first views and calls
     can_be_shown.
     """
 
@@ -202,11 +202,11 @@ def _write_views(
 
     views = sorted(scene.views, key=away)
     written = np.zeros_like(scene.present)
-    # the middle and its neighbours: a viewer begins in the middle of the grid
+    # the middle and its neighbours: sessions start in the middle of the grid
     first = min(len(views), 5) if scene.source.frames == 1 else len(views)
     item_bytes = 6 * scene.source.height_px * scene.source.width_px
     with cache.writing(folder.parents[1]):
-        cache.clear(folder)  # a killed packer's
+        cache.clear(folder)  # left by a killed packer
         folder.mkdir()
     try:
         with cache.writing(folder.parents[1]):
@@ -229,7 +229,7 @@ def _write_views(
 
 
 def _complete(scene: AnalysedScene, folder: Path, score: Score, progress: Progress) -> None:
-    """Writes the disparity of a pack with views; the manifest that announces it comes last."""
+    """Writes the disparity of a pack with views, then the manifest that announces it."""
     with cache.writing(folder.parents[1]):
         disparity = write_disparity(scene, folder, progress)
         manifest = attrs.evolve(
@@ -255,8 +255,8 @@ def run_parallel(
     report: Callable[[int], None],
     before: int = 0,
 ) -> None:
-    """Runs work(item) for every item on a few threads, fewer if each needs much memory; the first
-    error ends it. report: called with the number of items done so far, with those done before.
+    """Runs work(item) for every item in a few threads, fewer if each needs much memory; the first
+    error stops it. report: called with the number of items done, including earlier ones.
     """
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)  # the pool is the parallelism
@@ -272,8 +272,8 @@ def run_parallel(
 def write_disparity(scene: AnalysedScene, folder: Path, progress: Progress) -> Disparity:
     """Writes disparity.npy into the folder of a pack with views; returns its entry in the manifest.
 
-    min_px and max_px are those of the truth if there is any ("source"), else robust extremes of the
-    estimates.
+    min_px and max_px are those of true disparity if there is any ("source"), else robust extremes
+    of the estimates.
     """
     frames, rows, cols, _, height, width = scene.shape
     if scene.too_far_apart or int(scene.present.sum()) < 2 or min(height, width) < SMALLEST_PX:
@@ -324,12 +324,12 @@ def _estimate(
         best = view_disparity(here, around) if around and not source.rendered else None
         read = source.truth.get(scene.file_index(row, col)) if sign and not frame else None
         if read is not None:
-            true = read() * np.float32(sign)  # in the order in which truth holds
+            true = read() * np.float32(sign)  # true disparity refers to the layout's order
             true_ranges.append((float(true.min()), float(true.max())))
             true = true if factor == 1 else halved(true) / np.float32(factor)
-            # Truth is sharp at edges, where a view warped by it doubles hidden parts; flow bends
-            # around them. The better match with the neighbouring views wins: flow, in all scenes
-            # tried (HCI antinous 47.7 dB, truth 41.9).
+            # True disparity is sharp at edges, where warped views duplicate hidden parts; flow
+            # bends around them. The better match with the neighbouring views wins: flow, in all
+            # scenes tried (HCI antinous 47.7 dB, true disparity 41.9).
             if best is None or mean_square_mismatch(here, around, true) < mean_square_mismatch(
                 here, around, best
             ):
@@ -349,7 +349,7 @@ def _estimate(
     )
     spans = np.array(list(ranges.values()))
     scale = scale_for(*(round(float(v), 4) for v in (spans[:, 0].min(), spans[:, 1].max())))
-    # truth is exact; the extremes of an estimate are its errors,
+    # true disparity is exact; the extremes of an estimate are its errors,
     # so use robust extremes over all views
     low, high = (round(float(v), 4) for v in np.median(spans, axis=0))
     if true_ranges:

@@ -28,25 +28,25 @@ from lfpipe.scene.source import GridTransform, SceneSource
 
 log = logging.getLogger(__name__)
 
-_SMALLEST_PX = 48  # side of views: the flow needs some of its patches
+_SMALLEST_PX = 48  # side of views: the flow needs a few patches
 _LOOSE_PX, _LOOSE_SHARE = 1.0, 0.2  # tolerance of the flow
-_STILL_PX = 1.0  # motion that is none
-_OFF_PX = 0.5  # from a common motion: what is off by more is near, and counts less
+_STILL_PX = 1.0  # smaller motion counts as none
+_OFF_PX = 0.5  # deviation from a common motion above which pixels are near and count less
 _REFOCUSED = 4.0  # ratio of the sharpest to the least sharp picture of a block, in a focal stack
-_ROUND = 1.3  # ratio of motion left in the two directions: below it, there is no direction
+_ROUND = 1.3  # ratio of residual motion in the two directions: below it, there is no direction
 _REACH, _FEWEST_POINTS = 8, 100  # views from the middle; pixels to fit motion to
 # views; pixels that move between them; share of these seen half-way round
 _SHORTEST_CIRCLE, _FEWEST_PX, _STAYS = 8, 200, 0.5
 _CLOSING = 2.0  # step from the last view to the first over that from the first to the second
 _ROUNDNESS = 0.3  # shortest over longest radius of a circle
-# correlation of a block that was found, and its lead on the second best place
+# minimum correlation of a matched block, and its lead over the second-best position
 _FOUND, _LEADS = 0.75, 0.08
-_FEWEST_BLOCKS, _MISSED = 6, 0.4  # found blocks; share of them that the flow misses
+_FEWEST_BLOCKS, _MISSED = 6, 0.4  # matched blocks; share of them that the flow misses
 
 
 @attrs.frozen(kw_only=True)
 class Motion:
-    """How one view moves against another, px at the edge of the picture."""
+    """Motion between two views, px at the edge of the picture."""
 
     parallax_px: float
     size_px: float  # of growing or shrinking
@@ -54,7 +54,7 @@ class Motion:
 
     @property
     def change(self) -> str:
-        """What changes more than the viewpoint does, "" for nothing."""
+        """A change that exceeds that of the viewpoint; "" if there is none."""
         if self.size_px > max(_STILL_PX, self.parallax_px):
             return (
                 "the pictures differ in size, as when focus breathes, the lens zooms or the camera"
@@ -64,7 +64,7 @@ class Motion:
 
 
 def _motion(a: Grey, b: Grey) -> Motion | None:
-    """Motion between two views; None if too little is in both."""
+    """Motion between two views; None if too few pixels are visible in both."""
     ahead, confirmed = returned_flow(a, b)
     sure = confirmed & textured(a)
     if np.count_nonzero(sure) < _FEWEST_POINTS:
@@ -77,12 +77,12 @@ def _motion(a: Grey, b: Grey) -> Motion | None:
     values = ahead[sure].T.ravel().astype(np.float64)
     matrix = np.concatenate([np.stack([one, none, x, -y], 1), np.stack([none, one, y, x], 1)])
     fit = robust_fit(matrix, values, _OFF_PX)
-    # A plane that recedes moves along the line of cameras only; size changes along both axes alike.
+    # A receding plane moves along the line of cameras only; size changes along both axes alike.
     wider, taller = (
         robust_fit(np.stack([x, y, one], 1), axis, _OFF_PX)[k]
         for k, axis in enumerate(values.reshape(2, -1))
     )
-    # along x and y; a fit that adds motion explains none
+    # along x and y; a fit that increases the motion is ignored
     left_px = np.minimum(_spread_px(values), _spread_px(values - matrix @ fit))
     shift_px = float(np.hypot(*fit[:2]))
     crosswise = left_px.min() > _STILL_PX and left_px.max() < _ROUND * left_px.min() > 2 * shift_px
@@ -94,15 +94,15 @@ def _motion(a: Grey, b: Grey) -> Motion | None:
 
 
 def _spread_px(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """By axis, the spread of a motion whose x come before its y."""
+    """The spread of a motion (all x before all y), by axis."""
     return np.asarray(
         np.ptp(np.percentile(values.reshape(2, -1), (5, 95), axis=1), axis=0), np.float64
     )
 
 
 def _change(views: list[Grey], every: list[Grey]) -> str:
-    """How the views of a line change otherwise than by a camera that moves sideways; "" for
-    nothing. every: some of the whole grid.
+    """A change of the views of a line that a camera moving sideways does not cause; "" if there is
+    none. every: some views of the whole grid.
     """
     middle = len(views) // 2
     motions = [
@@ -120,8 +120,8 @@ def _change(views: list[Grey], every: list[Grey]) -> str:
 
 
 def _moved_px(detail: Mask, ahead: FloatMap, confirmed: Mask) -> float:
-    """Motion of nearly all detail that two views share, by the flow between them; infinite for too
-    little.
+    """Motion of nearly all detail common to two views, by the flow between them; infinity if there
+    is too little.
     """
     sure = confirmed & detail
     if np.count_nonzero(sure) < max(_FEWEST_POINTS, 0.5 * np.count_nonzero(detail)):
@@ -130,8 +130,8 @@ def _moved_px(detail: Mask, ahead: FloatMap, confirmed: Mask) -> float:
 
 
 def _found(a: Grey, b: Grey, y: int, x: int, side: int) -> tuple[int, int] | None:
-    """Where (y, x) the block of a at that place is in b, at any x and nearly the same y; None
-    unless it is like one place only.
+    """The position (y, x) in b of the block of a at (y, x), at any x and nearly the same y; None
+    unless the match is unique.
     """
     top = max(0, y - side // 4)
     strip = b[top : y + side + side // 4]
@@ -144,9 +144,8 @@ def _found(a: Grey, b: Grey, y: int, x: int, side: int) -> tuple[int, int] | Non
 
 
 def _blocks(a: Grey, b: Grey, ahead: FloatMap) -> tuple[float, float] | None:
-    """The range of motion along x, in shares of the width, of blocks of a that are found in b, and
-    from there in a again, where the flow does not lead; None where the flow finds them, or they are
-    not in b.
+    """The range of motion along x, in shares of the width, of blocks of a that are matched in b and
+    back, but that the flow misses; None if the flow finds them, or they are not in b.
     """
     height, width = a.shape
     side = min(height, width) // 7
@@ -168,8 +167,8 @@ def _blocks(a: Grey, b: Grey, ahead: FloatMap) -> tuple[float, float] | None:
 
 
 def _pair(a: Grey, b: Grey) -> Measurements:
-    """As `_triple`, for two views: one predicted from the other, and the share of its detail found
-    there.
+    """As `_triple`, for two views: one is predicted from the other; the share is of its detail
+    found there.
     """
     ahead, confirmed = returned_flow(a, b)
     detail = textured(a)
@@ -185,8 +184,8 @@ def _pair(a: Grey, b: Grey) -> Measurements:
 def _unsteady(
     x: NDArray[np.intp], y: NDArray[np.intp], motion_px: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Motion of pixels, float32 (n,), without that of a hand: its least-squares fit by a shift, a
-    turn and a zoom.
+    """Motion of pixels, float32 (n,), without hand shake: the residual of a least-squares fit by
+    shift, rotation and zoom.
     """
     places = np.stack((np.ones(len(x)), x, y), axis=1).astype(np.float32)
     return np.asarray(
@@ -219,8 +218,8 @@ def _triple(before: Grey, middle: Grey, after: Grey) -> Measurements:
 
 
 def _refocused(views: list[Grey]) -> float:
-    """Median over textured blocks of the sharpest over the least sharp picture; 1 if all blocks are
-    sharpest in the same one.
+    """Median over textured blocks of the ratio of the sharpest to the least sharp picture; 1 if all
+    blocks are sharpest in the same picture.
     """
     side = max(8, min(views[0].shape) // 8)
     sharp = []
@@ -245,9 +244,9 @@ def _refocused(views: list[Grey]) -> float:
 
 
 def _is_circle(line: list[Grey]) -> str:
-    """Why a line of views is a circle, "" if it is none: the last view is a neighbour of the first
-    one, and either the middle view shows the other side of the scene or the camera's path is
-    closed.
+    """The reason to treat a line of views as a circle, "" if it is none: the last view is a
+    neighbour of the first, and either the middle view shows the other side of the scene or the
+    camera's path is closed.
     """
     first, second, middle, last = (line[k] for k in (0, 1, len(line) // 2, -1))
     detail = textured(first)
@@ -263,15 +262,15 @@ def _is_circle(line: list[Grey]) -> str:
     if comes > EXPLAINED and stays < _STAYS:
         return "the last picture follows the first one: a turntable, or a walk around something"
     closing = float(np.median(np.hypot(*back[moving].T) / step_px[moving]))
-    # the cheap sign first: the flows of a whole circle cost much
+    # the cheap test first: the flows of a whole circle are expensive
     if closing < _CLOSING and stays >= _STAYS and _goes_round(line):
         return "the camera walks on a circle, not along a line or over a grid"
     return ""
 
 
 def _goes_round(line: list[Grey]) -> bool:
-    """Whether the camera's path goes once round its middle: all that is still moves by one path,
-    the nearer the more, so that is the first principal motion.
+    """Whether the camera's path goes once around its middle: all static parts follow one path,
+    scaled by nearness, which is the first principal component of the motion.
     """
     chosen = sorted({round(at) for at in np.linspace(1, len(line) - 1, 12)})
     use = textured(line[0])
@@ -326,7 +325,7 @@ def measure_views(source: SceneSource) -> Measurements | None:
     every = [
         grey(*places[k]) for k in sorted({round(p) for p in np.linspace(0, len(places) - 1, 9)})
     ]
-    # their middle
+    # the middle of the lines
     around = [line[max(0, len(line) // 2 - _REACH) : len(line) // 2 + _REACH + 1] for line in lines]
     changes = [_change([grey(*place) for place in views], every) for views in around]
     change = changes[0] if all(changes) else ""
@@ -334,16 +333,16 @@ def measure_views(source: SceneSource) -> Measurements | None:
     if len(lines) == 1 and len(line) >= _SHORTEST_CIRCLE:
         change = _is_circle([grey(*place) for place in line]) or change
     moved_px = max(triple.moved_px for triple in triples)
-    if moved_px < _STILL_PX:  # between neighbours: perhaps more from one end to the other
+    if moved_px < _STILL_PX:  # between neighbours; the ends may differ by more
         ends = [(grey(*line[0]), grey(*line[-1])) for line in lines]
         moved_px = max(_moved_px(textured(a), *returned_flow(a, b)) for a, b in ends)
     return Measurements.median(triples, change=change, moved_px=moved_px)
 
 
 def plausible(source: SceneSource, force: bool) -> tuple[SceneSource, Measurements | None]:
-    """The source, checked by measurements of a few views, and the measurements. Pictures between
-    which nothing moves become one view. Raises UserError for what is no light field; `force`, or a
-    format that defines a light field, only notes it.
+    """The source, checked by measurements of a few views, and the measurements. Pictures without
+    motion between them become one view. Raises UserError if the pictures are not a light field;
+    with `force`, or in a format that defines a light field, this is only a note.
     """
     measured = (
         measure_views(source) if not source.certain or source.rows * source.cols == 2 else None
@@ -364,7 +363,7 @@ def plausible(source: SceneSource, force: bool) -> tuple[SceneSource, Measuremen
         return source, measured
     if refused and not force:
         grid = f"{source.rows}x{source.cols} views of layout {source.layout}"
-        anyway = "open it all the same with --set scene.force=true"
+        anyway = "open it anyway with --set scene.force=true"
         if len(source.files) > 1:
             anyway = (
                 f"give the folder of one scene, or one of the pictures: {source.files[0]}; {anyway}"
@@ -378,7 +377,7 @@ def plausible(source: SceneSource, force: bool) -> tuple[SceneSource, Measuremen
 
 
 def _as_one(source: SceneSource) -> SceneSource:
-    """The view in the middle, alone."""
+    """The source reduced to its middle view."""
     at = source.middle
     return attrs.evolve(
         source,

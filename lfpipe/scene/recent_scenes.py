@@ -19,7 +19,7 @@ def _file() -> Path:
 
 
 def _read() -> list[Path]:
-    """The scenes of the list; looks at none of them."""
+    """The scenes of the list, without checking that they exist."""
     try:
         paths = json.loads(read_bytes(_file(), MAX_BYTES))
     except (OSError, ValueError):
@@ -37,7 +37,7 @@ def recent_scenes() -> list[Path]:
 def remember_scene(path: Path) -> None:
     """Puts a scene first.
 
-    Does nothing if the folder cannot be written: the session matters more.
+    Does nothing if the folder is not writable: the session goes on.
     """
     _write(list(dict.fromkeys([path.resolve(), *recent_scenes()]))[:COUNT])
 

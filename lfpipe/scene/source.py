@@ -46,13 +46,13 @@ class GridTransform:
         return grid[:: -1 if self.rows else 1, :: -1 if self.cols else 1]
 
     def grid(self, rows: int, cols: int) -> tuple[int, int]:
-        """The canonical (rows, cols) of a file grid, and the other way round."""
+        """The canonical (rows, cols) of a file grid, and vice versa."""
         return (cols, rows) if self.transpose else (rows, cols)
 
 
 @attrs.frozen(eq=False, kw_only=True)
 class SceneSource:
-    """A scene on disk as its layout describes it. Rows and columns are in FILE order."""
+    """A scene on disk as its layout describes it. Rows and columns are in file order."""
 
     layout: str
     path: Path
@@ -66,8 +66,8 @@ class SceneSource:
     width_px: int
     max_value: int = 255
     small: Callable[[int, int, float], NDArray[np.uint8]] | None = None
-    """(row, col, px) -> a view in grey, uint8 (h, w), of at least that many px where it has them;
-    faster than `read`"""
+    """(row, col, px) -> a view in grey, uint8 (h, w), of at least that many px if available; faster
+    than `read`"""
     frames: int = 1
     frame_rate_hz: float = 0.0
     missing: frozenset[tuple[int, int]] = frozenset()  # grid indices without a view
@@ -79,11 +79,11 @@ class SceneSource:
     """(rows, cols, 2): camera positions, (down, right) in any one unit"""
     truth: Mapping[tuple[int, int], Callable[[], NDArray[np.float32]]] = attrs.field(factory=dict)
     """true disparity by file index: functions that read float32 (h, w), px per canonical grid step,
-    positive: nearer. They hold with `turn`."""
+    positive: nearer. They are valid with `turn`."""
     rendered: bool = False  # views and truth are computed from one picture: no check, no estimate
     geometry: Geometry = attrs.field(factory=Geometry)
     linear: bool = False  # the values are linear light
-    doubt: str = ""  # what the layout leaves ambiguous, "" for nothing
+    doubt: str = ""  # any ambiguity of the layout
     stated_inverted: bool | None = None  # scene.invert_depth in `lightfield.toml`; None: "auto"
     certain: bool = True  # the format defines a light field; False: names or pictures suggest it
     notes: tuple[str, ...] = ()  # for people, one sentence each
@@ -99,7 +99,7 @@ class SceneSource:
 
     @property
     def places(self) -> list[ViewIndex]:
-        """Where there is a view, row by row."""
+        """The indices of present views, row by row."""
         return [place for place in np.ndindex(self.rows, self.cols) if place not in self.missing]
 
     @property
@@ -120,9 +120,9 @@ class SceneSource:
 class Layout:
     """A format of light fields. A module that defines these three names is a layout, too."""
 
-    NAME: str  # as `--layout` takes it
+    NAME: str  # value of `--layout`
     detect: Callable[[Listing], int | None]
-    """How specific the match is, from names and a look at one picture: 90 for a format that names
-    itself, 50 for a pattern of names, 10 for a last resort; None for no match."""
+    """Specificity of the match, from names and one picture: 90 for a format that identifies itself,
+    50 for a pattern of names, 10 for a last resort; None for no match."""
     describe: Callable[[Listing, config.Scene], SceneSource]
     """The scene, by the user's settings. Raises UserError."""

@@ -1,7 +1,7 @@
-"""A video file whose frames are pictures of a scene, read completely before anything relies on it.
+"""A video file whose frames are pictures of a scene, decoded completely before use.
 
-A container's claims about its frames may differ from its stream, and only decoding shows that. In
-the packer, running out of memory, a crash or a hang of the decoder is a refusal.
+A container's claims about its frames may differ from its stream, and only decoding reveals that. In
+the packer, a decoder that runs out of memory, crashes or hangs means a refusal.
 """
 
 from pathlib import Path
@@ -26,7 +26,7 @@ _REMEDY = "play it with another program, or export it again"
 class Video:
     """Frames of a video as RGB, by number; seeks only if they are not read in order.
 
-    frames: how many of them decode.
+    frames: number of decodable frames.
     """
 
     def __init__(self, path: Path) -> None:
@@ -60,7 +60,7 @@ class Video:
         self._open(self.width_px * self.height_px)
 
     def _open(self, frame_px: int) -> None:
-        """Begins anew.
+        """Starts from the first frame.
 
         FFmpeg decodes; large frames on one thread, because each thread holds its own frames.
         """

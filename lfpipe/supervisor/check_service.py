@@ -26,11 +26,11 @@ class CheckEvent:
 
     request: Request
     result: Message | Exception
-    """What the child found, or why it refused."""
+    """The result of the child, or its error."""
 
 
 class FileChecks(Service):
-    """The running checks, at most one of each command. connections: those that are open now."""
+    """The running checks, at most one per command. connections: returns the open ones."""
 
     guarded = True
 
@@ -64,8 +64,8 @@ class FileChecks(Service):
             yield Respond(event.request, partial(_reply, event=event, t_ns=t_ns))
 
     def events(self) -> list[CheckEvent]:
-        """Reads what the children have printed; returns the checks that are done. Ends the checks
-        of clients that have disconnected, except writes.
+        """Reads the children's output; returns the finished checks. Ends the checks of clients that
+        have disconnected, except writes.
         """
         done = []
         connections = self._connections()

@@ -1,5 +1,5 @@
-"""A stage's process, `python -m lfpipe.supervisor.child`: signals, end with the parent, cores and
-error reports, around the stage's `main`. It reads its `StageSpec` from standard input.
+"""A stage's process, `python -m lfpipe.supervisor.child`: signals, exit with the parent, cores and
+error reports for the stage's `main`. It reads its `StageSpec` from standard input.
 """
 
 import faulthandler
@@ -27,24 +27,24 @@ from lfpipe.transport.ring_io import StageSpec
 from lfpipe.transport.status import State
 
 logger = logging.getLogger(__name__)
-EXIT_USER = 2  # a user's mistake: a restart cannot help
+EXIT_USER = 2  # a user error: a restart cannot help
 EXIT_TERMINATED = 128 + signal.SIGTERM  # as a shell reports it
 
 
 def crash_report_path(run_dir: Path, what: str, stage: str) -> Path:
-    """The file to which a stage writes a user's mistake ("error"), or its "stack" when it hangs (on
+    """The file to which a stage writes a user error ("error"), or its "stack" when it hangs (on
     SIGUSR1), fails or crashes.
     """
     return run_dir / f"{what}.{stage}"
 
 
 def start_line(spec: StageSpec) -> bytes:
-    """What a stage's process reads first."""
+    """The first input of a stage's process."""
     return json.dumps([os.getpid(), converter().unstructure(spec)]).encode()
 
 
 def main() -> None:
-    """Entry of the process."""
+    """Entry point of the process."""
     # the terminal sends signals to the whole group; only the supervisor acts on them
     signals.ignore()
     protect_output("stdout", "stderr")

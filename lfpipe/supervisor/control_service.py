@@ -1,4 +1,4 @@
-"""Requests and telemetry of a session: received here, answered by `Delivery` when they are done."""
+"""Requests and telemetry of a session: `Control` receives them, `Delivery` sends the answers."""
 
 import logging
 from collections.abc import Iterator, Sequence
@@ -18,7 +18,7 @@ from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.control import EXECUTED, Message
 
 logger = logging.getLogger(__name__)
-PENDING_NS = 4 * MS_NS  # between two looks at the stages while answers wait for them
+PENDING_NS = 4 * MS_NS  # between two checks of the stages while answers wait for them
 ASKED_OFTEN = ("hello", "status", "pictures")  # requests that change nothing
 SHOWN_TOPICS = ("source", "notice")  # telemetry for people
 LOGGED_TOPICS = ("parallax",)  # it changes with the viewer's distance

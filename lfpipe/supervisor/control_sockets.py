@@ -31,7 +31,7 @@ class Request:
     """Descriptor of its connection, -1 if unknown."""
     parts: list[bytes] = attrs.field(factory=list)
     message: Message = attrs.field(factory=dict)
-    """As far as it can be read."""
+    """Its readable fields."""
 
     @property
     def command(self) -> str:
@@ -40,11 +40,11 @@ class Request:
 
     @property
     def sender(self) -> str:
-        """The identity as text: the name of a stage, or that of no stage."""
+        """The identity as text: the name of a stage, or a text that is no stage's name."""
         return self.client.decode(errors="replace")
 
     def decode(self) -> None:
-        """Reads the message. Raises BadMessage; the answer then repeats what could be read."""
+        """Reads the message. Raises BadMessage; the answer then repeats the readable fields."""
         if len(self.parts) != 1:
             raise BadMessage(f"a message has {len(self.parts)} parts; one is allowed")
         self.message = control.unpack(self.parts[0])
@@ -125,8 +125,8 @@ class ControlSockets:
         return self._open
 
     def update_connections(self) -> None:
-        """Notes which connections are open. Call it after `requests`: a request may come over a
-        connection with the number of one whose end is not processed yet.
+        """Updates the list of open connections. Call it after `requests`: a request may come over a
+        connection that reuses the number of one whose end is not processed yet.
         """
         while self._tap.poll(0):
             self._tap.recv()  # subscriptions, which would accumulate

@@ -28,7 +28,7 @@ class Change:
 
 @attrs.frozen
 class Respond:
-    """Executes the reply to a request. What `reply` raises is the answer."""
+    """Executes the reply to a request. An exception of `reply` becomes the answer."""
 
     request: Request
     reply: Callable[[SessionState], Reply]
@@ -58,7 +58,7 @@ class Notify:
 
 
 class EndKind(enum.Enum):
-    """Why a session ended."""
+    """The cause of a session's end."""
 
     SOURCE_ENDED = enum.auto()
     DURATION = enum.auto()
@@ -69,7 +69,7 @@ class EndKind(enum.Enum):
 
 @attrs.define(kw_only=True)
 class Outcome:
-    """How a session ended; as an effect, it ends the session."""
+    """The end of a session; as an effect, it ends the session."""
 
     kind: EndKind
     reason: str
@@ -90,7 +90,7 @@ class Service:
     """A part of a running session."""
 
     guarded = False
-    """Whether an error of `update` is logged and ends nothing: it handles messages from outside."""
+    """Whether an error of `update` is only logged, because it handles messages from outside."""
 
     @property
     def fds(self) -> Sequence[int | zmq.Socket[bytes]]:
@@ -102,5 +102,5 @@ class Service:
         return TICK_NS
 
     def update(self, state: SessionState, t_ns: int) -> Iterable[Effect]:
-        """What has happened since the last call. state: the current one. t_ns: now."""
+        """The effects since the last call. state: the current one. t_ns: now."""
         return ()

@@ -11,8 +11,8 @@ from lfpipe.transport.clock import SECOND_NS
 
 
 class FilesInPlace(Service):
-    """Ends a session whose lock or shared memory was removed: without the lock it receives no
-    commands any more, and the next session of that name cannot detect it.
+    """Ends a session whose lock or shared memory was removed: without the lock, it no longer
+    receives commands, and the next session of that name cannot detect it.
     """
 
     def __init__(self, lock: Lock, run_dir: str, store: SessionStore) -> None:
@@ -38,8 +38,8 @@ class FilesInPlace(Service):
 
 
 class Limits(Service):
-    """Ends a session on a signal, or after its duration, counted from when all stages are ready.
-    signals: those that have arrived.
+    """Ends a session on a signal, or after its duration, which starts when all stages are ready.
+    signals: received signals.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Parts of stages that do not work, and what makes the end of a session a failure."""
+"""Faulty parts of stages, and failures at the end of a session."""
 
 from collections.abc import Iterator
 
@@ -25,13 +25,13 @@ class FaultWatch(Service):
         yield from (Notify(fault.text) for fault in broken if fault.text not in known)
 
     def note_last(self, t_ns: int) -> None:
-        """Notes the faults at the end, before the stages stop."""
+        """Records the faults at the end, before the stages stop."""
         self._faults = list(faults(self._table.rows, t_ns))
 
     def failures_at_end(
         self, stages: StageProcesses, state: SessionState, outcome: Outcome
     ) -> Iterator[Outcome]:
-        """What makes the normal end of a session a failure: an output that a stage of a lossless
+        """Failures that override the normal end of a session: an output that a stage of a lossless
         session could not write at its end, a part that never worked, an output that ended early.
         """
         for process in stages if isinstance(state.options.clock, Lossless) else ():
@@ -53,7 +53,7 @@ class FaultWatch(Service):
             yield _failed(outcome, failure, remedy)
         if lost := sum(int(row["lost_outputs"]) for row in rows.values()):
             files = "a file of the session is" if lost == 1 else f"{lost} files of the session are"
-            remedy = "see the messages above; make room on the disk, or name files on another one"
+            remedy = "see the messages above; free disk space, or use files on another disk"
             yield _failed(outcome, f"{outcome.reason}, but {files} incomplete", remedy)
 
 

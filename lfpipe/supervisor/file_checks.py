@@ -1,6 +1,6 @@
-"""Work with files and names in a child process, `python -m lfpipe.supervisor.file_checks`: a dead
-network drive or name server blocks the process that asks it. The child checks paths and hosts, and
-writes what a person wants to keep.
+"""Access to files and host names in a child process, `python -m lfpipe.supervisor.file_checks`,
+because a dead network drive or name server blocks its caller. The child checks paths and hosts, and
+saves settings.
 """
 
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ MEMORY_BYTES = 1 << 30
 
 @attrs.frozen(kw_only=True)
 class FileCheck:
-    """What the child does for a request."""
+    """The task of the child for a request."""
 
     check: str
     """"trace", "record", "keep", "keep depth", or a command of another package."""
@@ -37,7 +37,7 @@ class FileCheck:
 
     @property
     def writes(self) -> bool:
-        """Whether it writes a file: such work waits for its turn instead of being refused."""
+        """Whether it writes a file: such a task is queued instead of refused."""
         return self.check in ("keep", "keep depth")
 
 

@@ -37,7 +37,7 @@ def dialog_command(folder: bool) -> list[str]:
 
 
 class FileDialog(Service):
-    """The dialog that is open, if any. connections: those that are open now."""
+    """The open dialog, if any. connections: returns the open ones."""
 
     guarded = True
 

@@ -1,10 +1,10 @@
 """Decides when to lower and raise the quality, from the load of the stages alone. Uses no process,
 clock or file.
 
-A stage lags if it misses more than a tenth of what was due, or works nearly all the time. It has
-room if it misses nothing and works little. Half a second of lag lowers the quality by one level,
-and five seconds of room raise it. Each loss after a raise doubles the room that the next raise
-needs, up to five minutes; five minutes without a loss halve it.
+A stage lags if it misses more than a tenth of the due outputs, or is nearly always busy. It has
+headroom if it misses none and is rarely busy. Half a second of lag lowers the quality by one level,
+and five seconds of headroom raise it. Each loss after a raise doubles the headroom time required
+for the next raise, up to five minutes; five minutes without a loss halve it.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.status import State
 
-# a viewer notices lag at once; a level that changes often disturbs more than a lower one
+# viewers notice lag immediately; frequent changes of level are more annoying than a lower one
 LAG_S, ROOM_S = 0.5, 5.0
-MAX_ROOM_S = 300.0  # of room before a higher level is tried
-QUIET_S = 300.0  # time without a loss that halves the room required
+MAX_ROOM_S = 300.0  # maximum headroom time before a higher level is tried
+QUIET_S = 300.0  # time without a loss that halves the required headroom time
 PAUSE_S = 0.7  # after a loss: a burst of a second costs one level
 # of the outputs due; one or two frames in half a second are due to the scheduler
 LATE_SHARE = 0.1
-FULL_SHARE, ROOM_SHARE = 0.9, 0.6  # of the time spent working: more is lag, less is room
+FULL_SHARE, ROOM_SHARE = 0.9, 0.6  # busy share of the time: above is lag, below is headroom
 FORGET = 0.5  # s of lag that one second without lag cancels
 HICCUP_S = 0.25  # limit of one sample: a process that was stopped or starved once does not lag
-ROOM_LOSS = 5.0  # s of room that one second without room cancels
-SILENT_S = 1.0  # after this time without output, it is unknown whether a stage has room
+ROOM_LOSS = 5.0  # s of headroom that one second without headroom cancels
+SILENT_S = 1.0  # after this time without output, the headroom of a stage is unknown
 GAP_S = 1.0  # between two samples: the machine or the supervisor was suspended
 SAMPLE_NS = SECOND_NS // 10  # five samples within LAG_S
 SETTLE_NS = SECOND_NS  # after a start: caches are cold, and the first pictures are late
@@ -48,9 +48,9 @@ class Load:
     done: int = 0
     """Completed outputs."""
     missed: int = 0
-    """Outputs that were due but never made."""
+    """Due outputs that were never made."""
     busy_ns: int = 0
-    """Time spent working."""
+    """Busy time."""
     span_s: float = 0.0
 
     def plus(self, more: Load) -> Load:
@@ -64,7 +64,7 @@ class Load:
 
     @property
     def share(self) -> float:
-        """Of the time spent working."""
+        """Busy share of the time."""
         return self.busy_ns / 1e9 / max(self.span_s, 1e-9)
 
 
@@ -81,7 +81,7 @@ class Step:
 
     @property
     def reason(self) -> str:
-        """Why the level changed, for people."""
+        """The reason for the change, for people."""
         load = self.load
         if not self.stage:
             return "CPU is free again"
@@ -95,17 +95,17 @@ class Step:
 
 @attrs.define
 class _Stage:
-    """What the governor knows of a stage."""
+    """The governor's data of a stage."""
 
     silent: Load = Load()
     """Its work since it last made or missed an output."""
     lag_s: float = 0.0
-    """How long it has lagged."""
+    """Duration of its lag."""
     lagging: Load = Load()
-    """Its work meanwhile."""
+    """Its work during the lag."""
 
     def take(self, sample: Load) -> bool | None:
-        """Adds a sample; returns whether there was room, None if unknown."""
+        """Adds a sample; returns whether there was headroom, None if unknown."""
         load = self.silent.plus(sample)
         due = load.done + load.missed
         self.silent = Load() if due else load
@@ -124,7 +124,7 @@ class Governor:
     def __init__(self, relieves: Sequence[frozenset[str]]) -> None:
         self.level = 0
         self._relieves = tuple(relieves)
-        self._required_s = ROOM_S  # room required to raise the level
+        self._required_s = ROOM_S  # headroom time required to raise the level
         self._was_raised = False  # since the last loss
         self._quiet_ns = self._lost_ns = -math.inf  # when the requirement was halved; the last loss
         self._t_ns = -math.inf
@@ -132,7 +132,7 @@ class Governor:
         self._stages: dict[str, _Stage] = {}
 
     def _forget(self) -> None:
-        """Discards the past, because it does not describe the load of now."""
+        """Discards the past, which does not describe the current load."""
         self._room_s = 0.0
         self._stages.clear()
 
@@ -180,7 +180,7 @@ class Governor:
 
 
 class QualityControl:
-    """Decides the level. cores: stage -> cores that it may run on; all without an entry."""
+    """Decides the level. cores: stage -> cores that it may run on; without an entry, all."""
 
     def __init__(self, cores: Mapping[str, tuple[int, ...]]) -> None:
         self._cores = cores
@@ -234,6 +234,6 @@ class QualityControl:
         )
 
     def _relieved(self, level: QualityLevel) -> frozenset[str]:
-        """The stages that run faster at a level: those on the cores of the one that does less."""
+        """The stages that run faster at a level: those that share cores with the relieved stage."""
         cores = self._cores.get(DOES[level.work])
         return frozenset(name for name in CORE if self._cores.get(name) == cores)

@@ -56,7 +56,7 @@ logger = logging.getLogger(__name__)
 class LiveSession:
     """One session. stages: its processes.
 
-    Raises UserError, OSError, zmq.ZMQError if it cannot begin; then nothing is left behind.
+    Raises UserError, OSError, zmq.ZMQError if it cannot start, and then leaves nothing behind.
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class LiveSession:
         self._parts.close()
 
     def loop(self, duration_s: float | None, signals: Sequence[int], lock: Lock) -> Outcome:
-        """Runs the session to its end. signals: those that have arrived. lock: the session's."""
+        """Runs the session to its end. signals: received signals. lock: that of the session."""
         rollback = Rollback(self.stages, self._pending)
         services: list[Service] = [  # in the order of their updates
             StageFailures(self.stages, rollback),

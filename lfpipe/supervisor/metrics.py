@@ -1,5 +1,5 @@
-"""The state of a session, read from the status table alone: the one source of `lfpipe monitor`, its
-page, `ctl status`, `--json`, and the end of `lfpipe up`.
+"""The state of a session, read from the status table alone: the common source of `lfpipe monitor`,
+its page, `ctl status`, `--json`, and the end of `lfpipe up`.
 """
 
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ class StageMetrics:
     state: str
     """A name of `State`."""
     busy_with: str
-    """The work that blocks it, and for how long; "" if none."""
+    """The work that blocks it, with its duration; "" if none."""
     fps: float
     """Outputs per second."""
     p50_ms: float
@@ -45,7 +45,7 @@ class StageMetrics:
     """Outputs."""
     pid: int
     left_out: int
-    """Inputs left out on purpose."""
+    """Inputs skipped on purpose."""
     missed: int
     """Refreshes of the display without a picture from it."""
     restarts: int
@@ -57,7 +57,7 @@ class StageMetrics:
     metrics: dict[str, Any]
     """The metrics that it declares, by name: of type `transport.metrics.Value`."""
     cpu_percent: float | None = None
-    """Of a monitor that watches for a while."""
+    """Known to monitors that follow a session."""
     rss_mb: float | None = None
 
     @classmethod
@@ -104,7 +104,7 @@ class Judder:
 
 @attrs.frozen(kw_only=True)
 class MotionToPhoton:
-    """Latency of the picture behind the viewer, see docs/photon.md; None where nobody has moved."""
+    """Latency of the picture behind the viewer, see docs/photon.md; None without head motion."""
 
     onset_ms: float | None
     steady_ms: float | None
@@ -123,7 +123,7 @@ class SessionMetrics:
     """Of quality; 0 is full."""
     lowest_level: int
     level_words: str
-    """What is reduced; perhaps of another level during a change."""
+    """The reductions; during a change, possibly those of another level."""
     viewer: str
     """The viewer's presence."""
     notices: list[str]

@@ -22,9 +22,9 @@ class _Pending:
 
     request: Request
     answer: Message
-    """Its answer, as far as it is known."""
+    """Its answer so far."""
     until_ns: int
-    """When it is answered at the latest."""
+    """The latest time of the answer."""
     rev: int = 0
     """The revision that the stages apply; 0 if they execute a command."""
     missing: set[str] = attrs.field(factory=set)
@@ -56,8 +56,8 @@ class PendingAnswers:
         return number
 
     def executed(self, stage: str, message: Message) -> None:
-        """Takes a stage's answer: `number`, `ok`, and what else its client receives: its values
-        under `stages` and the stage's name, and the first refusal.
+        """Processes a stage's answer: `number`, `ok`, and further values, which the client receives
+        under `stages` and the stage's name, together with the first refusal.
         """
         number = message.get("number")
         pending = self._pending.get(number) if isinstance(number, int) else None
@@ -72,7 +72,7 @@ class PendingAnswers:
             pending.answer = {**pending.answer, "stages": stages}
 
     def refuse_changes(self, why: str) -> Iterator[tuple[Request, Message]]:
-        """The answers to all that wait for a change: it was rolled back."""
+        """The answers to all requests that wait for a change that was rolled back."""
         for number, pending in list(self._pending.items()):
             if pending.rev:
                 del self._pending[number]
@@ -92,5 +92,5 @@ class PendingAnswers:
             else:
                 stages = " and ".join(sorted(pending.missing))
                 why = f"{stages} did not execute it within {EXECUTE_NS // SECOND_NS} s"
-                remedy = "see what the session does: `lfpipe monitor`"
+                remedy = "check the session: `lfpipe monitor`"
                 yield pending.request, {"ok": False, "error": why, "remedy": remedy}

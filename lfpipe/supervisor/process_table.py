@@ -25,9 +25,9 @@ def _feeds(options: SessionOptions) -> bool:
     return options.viewer.tracked or records
 
 
-# of a scene's methods, run by the packer, which is below the packages that draw
+# scores a scene's methods; run by the packer, which must not import the rendering packages
 SCORER = "lfpipe.render.synthesis.scoring:scores"
-FRAMES_BYTES = 16 << 20  # a recorder may fall behind by the number of slots minus two
+FRAMES_BYTES = 16 << 20  # a recorder may lag by the number of slots minus two
 
 
 STAGES: tuple[Stage, ...] = (
@@ -76,7 +76,7 @@ SOURCE, TRACKED_BY, SHOWN_BY = (
     next(stage.name for stage in STAGES if ring in stage.writes)
     for ring in ("frames", "eyes", "shown")
 )
-# work that a lowered quality reduces -> who does it
+# work that a lowered quality reduces -> its stage
 DOES = {"pictures": SHOWN_BY, "eyes": TRACKED_BY}
 # the stages that a picture waits for
 CORE = tuple(stage.name for stage in STAGES if not stage.optional)

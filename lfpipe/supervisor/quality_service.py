@@ -1,4 +1,4 @@
-"""The quality of a session follows the load of its stages."""
+"""Adapts the quality of a session to the load of its stages."""
 
 import logging
 from collections.abc import Iterator, Mapping

@@ -74,11 +74,11 @@ class ReplyExecutor:
         return None
 
     def refusal(self, error: Exception) -> Message:
-        """The answer that an error leads to; a defect is logged with its stack."""
+        """The answer for an error; a defect is logged with its stack."""
         if isinstance(error, UserError):
             answer = {"ok": False, "error": error.message, "remedy": error.remedy}
         elif isinstance(error, BadMessage):
-            # parts of the text came from outside
+            # parts of the text come from outside
             answer = {"ok": False, "error": plain(str(error), 2000)}
         else:
             stack = "".join(traceback.format_exception(error))

@@ -27,8 +27,8 @@ from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.control import BadMessage, Message
 
 logger = logging.getLogger(__name__)
-# outputs that can begin and end while a session runs:
-# request -> the option that holds its path, its name, the command that a user types
+# outputs that can start and stop while a session runs:
+# request -> the option with its path, its name, the command that a user types
 OUTPUTS = {
     "trace": ("timeline", "trace", "lfpipe trace"),
     "record": ("record", "recording", "lfpipe ctl record"),
@@ -36,13 +36,13 @@ OUTPUTS = {
 # requests that only the stage that shows pictures may send
 OF_THE_WINDOW = ("keep", "dialog")
 KEPT = ("section", "values", "depth")
-DEPTHS = ("yes", "no", "asked")  # what is kept about the depth order of a scene
+DEPTHS = ("yes", "no", "asked")  # saved values for the depth order of a scene
 LEASE_S, MAX_LEASE_S = 5.0, 60.0  # of the ring of pictures
 
 
 @attrs.frozen(kw_only=True)
 class Reply:
-    """What a request leads to. Without `load`, `check` and `executed_by` it is answered as soon as
+    """The result of a request. Without `load`, `check` and `executed_by`, it is answered as soon as
     the stages have applied `state`.
     """
 
@@ -52,7 +52,7 @@ class Reply:
     load: PackerRequest | None = None
     """The real reply comes from `on_load`."""
     previews: tuple[str, ...] | None = None
-    """Scenes to read for the page that offers them."""
+    """Scenes to read for the page of scenes."""
     check: FileCheck | None = None
     """The real reply comes from `respond_checked`."""
     dialog: Literal["folder", "file"] | None = None
@@ -62,9 +62,9 @@ class Reply:
     with_stages: bool = False
     """The answer includes the metrics of the session."""
     silent: bool = False
-    """Nothing is answered."""
+    """Whether to send no answer."""
     stop: bool = False
-    """The session ends."""
+    """Whether to end the session."""
 
 
 Handler = Callable[[SessionState, Message, int], Reply]
@@ -92,7 +92,7 @@ class RequestPlugin(Protocol):
         ...
 
     def check(self, asked: FileCheck) -> Message:
-        """In a child process: what `Reply.check` asks for, as plain values. Raises UserError."""
+        """In a child process: the result of `Reply.check`, as plain values. Raises UserError."""
         ...
 
     def respond_checked(self, state: SessionState, message: Message, result: Message) -> Reply:
@@ -189,7 +189,7 @@ def _place(state: SessionState, message: Message) -> int | None:
 
 
 def _output(state: SessionState, message: Message, _t_ns: int) -> Reply:
-    """Begins the file or folder `path`; an empty one ends what is running."""
+    """Starts writing the file or folder `path`; an empty path ends the current one."""
     command = message["cmd"]
     path = message.get("path")
     option, what, typed = OUTPUTS[command]
@@ -217,7 +217,7 @@ def _output(state: SessionState, message: Message, _t_ns: int) -> Reply:
 
 
 def _keep(state: SessionState, message: Message, _t_ns: int) -> Reply:
-    """Keeps settings for later sessions, in the user's file, or the depth order of the scene."""
+    """Saves settings for later sessions in the user's file, or the depth order of the scene."""
     depth = message.get("depth")
     scene = state.options.scene
     if "depth" in message:
@@ -233,7 +233,7 @@ def _keep(state: SessionState, message: Message, _t_ns: int) -> Reply:
 
 
 def _dialog(state: SessionState, message: Message, _t_ns: int) -> Reply:
-    """Opens the desktop's dialog, for a folder or a file; `on_chosen` gets its path."""
+    """Opens the desktop's dialog, for a folder or a file; `on_chosen` receives its path."""
     folder = message.get("folder")
     if not isinstance(folder, bool):
         raise BadMessage("dialog needs `folder`: true for a folder, false for a file")
@@ -267,15 +267,15 @@ def respond_checked(state: SessionState, message: Message, result: Message, t_ns
 
 
 def has_eyes(state: SessionState) -> bool:
-    """Whether the scene on show needs eyes, and the session has some."""
+    """Whether the current scene needs eyes, and the session tracks them."""
     return state.options.viewer.tracked or isinstance(state.options.viewer, MouseViewer)
 
 
 def on_load(
     state: SessionState, message: Message, scene: SceneSummary, scenes: tuple[str, ...] = ()
 ) -> Reply:
-    """The reply to a request for a scene that can be shown now. scenes: of a folder of light
-    fields, all of them: the new playlist. Raises like `respond`.
+    """The reply to a request for a scene that can be shown now. scenes: for a folder of light
+    fields, its content, which is the new playlist. Raises like `respond`.
     """
     new = (
         state.loaded(scene, 0, scenes)

@@ -16,7 +16,7 @@ TRIAL_NS = 2 * SECOND_NS
 
 
 class ConfigRollback:
-    """Watches whether the stages can use the newest change."""
+    """Checks whether the stages can use the newest change."""
 
     def __init__(self) -> None:
         self._since_ns: int | None = None
@@ -25,8 +25,8 @@ class ConfigRollback:
     def watch(
         self, state: SessionState, applied: bool, outputs: Mapping[str, int], t_ns: int
     ) -> bool:
-        """Whether a change is proved good: every stage has used it and produced outputs for
-        TRIAL_NS. Call often.
+        """Whether a change is confirmed: every stage has used it and produced outputs for TRIAL_NS.
+        Call often.
 
         outputs: number of outputs of each stage so far.
         """

@@ -1,4 +1,4 @@
-"""The run directory: one session owns and locks it while it lives. Any process of the user may
+"""The run directory: one session owns and locks it while it runs. Any process of the user may
 sweep one without an owner.
 
 A lock ends with its process. A sweep unlinks shared memory only if it belongs to this user and its
@@ -29,8 +29,8 @@ ENDING_S = 3.0  # time limit for a session that lost its run directory to end
 
 
 def _is_own_directory(path: Path) -> bool:
-    """Whether path is a directory of this user and not a link: in /tmp, anybody may create one with
-    our name. Raises OSError.
+    """Whether path is a directory of this user and not a link: in /tmp, any user may create one
+    with this name. Raises OSError.
     """
     entry = path.lstat()
     return stat.S_ISDIR(entry.st_mode) and entry.st_uid == os.getuid()
@@ -147,8 +147,8 @@ def _empty(run_dir: Path) -> None:
 
 
 def _unlink_memory(session: Session) -> bool:
-    """Unlinks the session's abandoned memory; whether none is left. Waits for another process that
-    sweeps and looks at it, and for a living session that lost its run directory to end.
+    """Unlinks the session's abandoned memory; returns whether none is left. Waits for other
+    sweeping processes, and for the end of a live session that lost its run directory.
     """
     prefix = place_prefix(session.run_dir)
     end_s = time.monotonic() + ENDING_S
@@ -164,9 +164,9 @@ def _unlink_memory(session: Session) -> bool:
 
 
 def release(session: Session, lock: Lock) -> None:
-    """Removes everything that the session created, the lock last, and releases it. Leaves what
-    cannot be removed, and everything if another session owns the directory by now. The caller must
-    have unlinked its own memory.
+    """Removes everything that the session created, the lock last, and releases the lock. Skips
+    files that cannot be removed, and everything if another session now owns the directory. The
+    caller must have unlinked its own memory.
     """
     try:
         if lock.in_place():
@@ -199,11 +199,11 @@ def _resume_stages(name: str) -> None:
 
 
 def sweep() -> list[str]:
-    """Removes what dead sessions of this user left, and returns their names. Skips what cannot be
-    removed.
+    """Removes leftovers of this user's dead sessions, and returns their names. Skips files that
+    cannot be removed.
 
-    Covers the run directories of this runtime directory, and all memory whose run directory is
-    gone, wherever it was.
+    Covers the run directories of this runtime directory, and all memory whose run directory no
+    longer exists.
     """
     swept = []
     for session in _sessions():

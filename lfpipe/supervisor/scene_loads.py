@@ -33,7 +33,7 @@ class SceneEvent:
     request: Request | None
     """The request for the scene; None for the scene on the screen."""
     scene: SceneSummary | Exception
-    """The scene, which can be shown now, or why it cannot."""
+    """The scene, ready to be shown, or the error."""
     scenes: tuple[str, ...] = ()
     """The light fields in the requested path; the scene is the first."""
 
@@ -49,7 +49,7 @@ class _Load:
         self._report_ns = 0
 
     def report(self, end: bool = False) -> None:
-        """Sends the step of the packer if it is a new one; at its end "", at once."""
+        """Sends the step of the packer if it is new; at the end, sends "" immediately."""
         step = "" if end else self.packing.step
         if step == self._reported or not (end or now_ns() >= self._report_ns + STEP_NS):
             return
@@ -66,7 +66,7 @@ class _Load:
         )
 
     def event(self) -> SceneEvent | None:
-        """What has happened, if the packer has ended or a wanted scene can be shown."""
+        """The event, if the packer has ended or a wanted scene can be shown."""
         scenes = tuple(map(str, self.packing.scenes))
         if self.packing.done:
             try:
@@ -79,7 +79,7 @@ class _Load:
 
 class SceneLoads(Service):
     """The packers of both scenes. send: for their progress, a few times a second. connections:
-    those that are open now.
+    returns the open ones.
     """
 
     guarded = True
@@ -96,7 +96,7 @@ class SceneLoads(Service):
         self._loads = {} if packing is None else {SHOWN: _Load(packing, send)}
 
     def want(self, request: Request, scene: PackerRequest) -> Request | None:
-        """Begins to load a scene; returns the request that it replaces, if any."""
+        """Starts to load a scene; returns the request that it replaces, if any."""
         replaced = self._loads.get(WANTED)
         self._end(WANTED)
         self._loads[WANTED] = _Load(Packing(scene), self._send, request)
@@ -119,8 +119,8 @@ class SceneLoads(Service):
                 yield Change(partial(on_complete, scene=event.scene))
 
     def events(self) -> list[SceneEvent]:
-        """Reads what the packers have printed; returns what has happened. Ends the load of a client
-        that has disconnected.
+        """Reads the packers' output; returns the events. Ends the load of a client that has
+        disconnected.
         """
         events = []
         connections = self._connections()
@@ -148,7 +148,7 @@ class SceneLoads(Service):
         return events
 
     def _end(self, name: str) -> None:
-        """Ends a packer. If the session has left its scene, the next opening completes its pack."""
+        """Ends a packer. If its pack is incomplete, the next opening completes it."""
         if load := self._loads.pop(name, None):
             load.report(end=True)
             load.packing.close()
@@ -192,7 +192,7 @@ class ScenePreviews(Service):
         self._reader: _PreviewReader | None = None
 
     def begin(self, scenes: Sequence[str], settings: Scene) -> None:
-        """Reads these scenes, in their order, instead of those before."""
+        """Reads these scenes, in order, instead of earlier ones."""
         self.close()
         if scenes:
             self._reader = _PreviewReader(scenes, settings, self._send)
@@ -207,7 +207,7 @@ class ScenePreviews(Service):
         return iter(())
 
     def read(self) -> None:
-        """Passes on what was read; continues with the next scene if one has ended the child."""
+        """Passes on the previews; continues with the next scene if one has crashed the child."""
         reader = self._reader
         if reader is not None:
             reader.read()

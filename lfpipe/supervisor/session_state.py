@@ -27,8 +27,8 @@ from lfpipe.transport.ring import RingSpec
 
 
 def new_ring(kind: str) -> str:
-    """The name of a ring made on demand: never used before, so that no reader maps an old one, and
-    not known before, so that no stranger takes it first.
+    """The name of an on-demand ring: never used before, so that no reader maps an old one, and
+    unpredictable, so that no other user takes it first.
     """
     return f"{kind}.{secrets.token_hex(4)}"
 
@@ -60,7 +60,7 @@ class SessionState:
     pictures_px: tuple[int, int] = (0, 0)
     """(height, width) of that ring."""
     zero_planes_px: Mapping[str, float | Literal["auto"]] = attrs.field(factory=dict)
-    """Of scenes shown before, by pack."""
+    """Zero planes of earlier scenes, by pack."""
 
     @classmethod
     def first(cls, config: Config, options: SessionOptions) -> SessionState:
@@ -135,9 +135,9 @@ class SessionState:
         playlist_at: int | None = None,
         playlist: tuple[str, ...] | None = None,
     ) -> SessionState:
-        """With another scene, at the zero plane of its last showing, or the default: a zero plane
-        is in px of its own scene. Near and far are as chosen for that scene before. playlist_at:
-        its index, None if it is not in the playlist. playlist: another one, None for the same.
+        """With another scene, at its last zero plane or the default: zero planes are in px of their
+        scene. The depth order is the earlier choice for that scene. playlist_at: its index; None if
+        it is not in the playlist. playlist: another one; None for the same.
         """
         old = self.options.scene
         config = self.config
@@ -194,7 +194,7 @@ class SessionState:
         )
 
     def _with_rings(self) -> SessionState:
-        """With the rings that stages ask for, and that of JPEGs if a source of them is recorded."""
+        """With the rings that stages request, and that of JPEGs if a JPEG source is recorded."""
         if (wanted := asked_for(self.options)) != self.options.asked_for:
             return self._with(asked_for=wanted)._with_rings()
         records_jpegs = bool(self.options.record and self.options.viewer.jpeg_px)

@@ -1,7 +1,4 @@
-"""The memory of a session, and the only place that stores its state.
-
-Only the supervisor creates and removes them.
-"""
+"""The shared memory and the state of a session. Only the supervisor creates and removes them."""
 
 import contextlib
 import gc
@@ -26,12 +23,12 @@ def _remove(memory: Segment) -> None:
 
 
 class SessionStore:
-    """state: the current state; its rings exist, with the FIFOs that wake their readers. table: the
-    status table; drop all references to its rows before `close`. The state's pack is held: no
-    `lfpipe scene clean` removes it while the stage that shows it is restarted.
+    """Stores the state of a session. The pack of the state is held, so that `lfpipe scene clean`
+    does not remove it while the stage that shows it restarts.
 
-    Raises UserError if memory is short, OSError if no FIFO can be created; then nothing is left
-    behind.
+    state: the current state; its rings exist, with the FIFOs that wake their readers. table: the
+    status table; drop all references to its rows before `close`. Raises UserError if memory is
+    short, OSError if no FIFO can be created, and then leaves nothing behind.
     """
 
     def __init__(self, session: Session, state: SessionState) -> None:
@@ -72,11 +69,11 @@ class SessionStore:
             self._hold(state.options.pack)
         self.state = state
         self._unsent = message
-        # a writer may still map one of a fixed name, and would not see another in its place
+        # a writer may still map a ring with a fixed name, and would not notice its replacement
         self._keep(rings(state.config).keys() | state.rings().keys() | ON_DEMAND.keys())
 
     def _hold(self, pack: str) -> None:
-        """Holds another pack, or "" for none; one that cannot be held fails where it is shown."""
+        """Holds another pack, or none (""); a pack that cannot be held fails when it is shown."""
         self._pack.close()
         with contextlib.suppress(OSError, ValueError):
             if pack:

@@ -1,4 +1,4 @@
-"""The processes of the stages: start, heartbeat check, restart, and end in two passes."""
+"""The processes of the stages: start, heartbeat check, restart, and shutdown in two passes."""
 
 import logging
 import time
@@ -27,10 +27,10 @@ MAX_RESTARTS_WINDOW_S, MAX_FAILURES = 60.0, 5  # give up after five failures in 
 FIRST_BACKOFF_S = 0.1  # doubled from one failure to the next
 MAX_STACK = 4000  # characters reported
 BUSY_S = 60.0  # without a heartbeat: time for a disk to spin up, or for a network to return
-# times these limits while it uses a CPU: emulated, one search for a face takes seconds
+# multiple of these limits while it uses a CPU: on an emulator, one face search takes seconds
 COMPUTING = 5
-# CPU time without a heartbeat: emulated, one search for a face takes more than 10 s. In
-# a lossless replay nobody waits for a picture.
+# CPU time without a heartbeat: on an emulator, one face search takes more than 10 s. In a lossless
+# replay, time is not critical.
 LIVE_CPU_S, LOSSLESS_CPU_S = 30.0, 60.0
 # after such a gap between checks, the supervisor was stopped or starved, probably like the stages
 ASLEEP_S = 1.0
@@ -94,7 +94,7 @@ class StageProcess:
         self.process.close()
         self.process = None
         finished = code in (0, child.EXIT_TERMINATED)
-        if self.must_run:  # only these know that no work is left
+        if self.must_run:  # otherwise, the end may be intended
             finished = code == 0 and (self.stage.name == SOURCE or self.stage.optional)
         clear(self.row, "busy_with", "busy_since_ns")
         self.row["state"] = State.FINISHED if finished else State.DEAD
@@ -110,13 +110,13 @@ class StageProcess:
         return code
 
     def hang_reason(self) -> str:
-        """Why the process counts as hung, or "": no heartbeat for longer than its phase allows.
-        Call often.
+        """The reason why the process counts as hung, or "": no heartbeat for longer than its phase
+        allows. Call often.
 
         Running: the stage's hang_timeout_s. Starting, or within `Context.setting_up`:
         startup_timeout_s. Within `busy_with` and `saving`, or in the kernel's wait for a disk:
-        BUSY_S. While it computes COMPUTING times that, or until it has computed LIVE_CPU_S, in a
-        lossless replay LOSSLESS_CPU_S. Stopping otherwise: `wait_for_end` decides.
+        BUSY_S. While it computes: COMPUTING times that, or until it has computed for LIVE_CPU_S, in
+        a lossless replay LOSSLESS_CPU_S. Otherwise stopping: `wait_for_end` decides.
         """
         if self.process is None or self._killed:
             return ""
@@ -175,7 +175,7 @@ class StageProcess:
         return stack
 
     def last_stack(self) -> str:
-        """The stack that the process left, on request or when it failed; empty if it was killed."""
+        """The stack that the process wrote on request or on failure; empty if it was killed."""
         return self._left("stack")[-MAX_STACK:].rstrip()
 
     def failed(self) -> bool:
@@ -189,7 +189,7 @@ class StageProcess:
         return len(recent) >= MAX_FAILURES
 
     def mistake(self) -> UserError | None:
-        """The user's mistake because of which the stage ended, if any."""
+        """The user error that ended the stage, if any."""
         return UserError.from_json(self._left("error").encode())
 
     def _left(self, what: str) -> str:
@@ -197,15 +197,15 @@ class StageProcess:
         return path.read_text(errors="replace") if exists(path) else ""
 
     def signal(self, signum: int) -> None:
-        """Sends one of `host.signals` if there is a process to take it."""
+        """Sends one of `host.signals` if there is a process."""
         if self.process is not None:
             self.process.signal(signum)
 
 
 class StageProcesses:
-    """All of them.
+    """All stages of a session.
 
-    table: the status table. spec: what a stage receives at its start. ask_to_stop: sends the stop
+    table: the status table. spec: returns the specification of a stage. ask_to_stop: sends the stop
     to a stage. notify: notifies the user.
     """
 
@@ -271,9 +271,9 @@ class StageProcesses:
         return done or now_ns() - self._drain_since_ns > DRAIN_NS
 
     def needed(self, options: SessionOptions, or_alive: bool = False) -> list[StageProcess]:
-        """Those that a session with these options needs, running or not.
+        """The stages that a session with these options needs, running or not.
 
-        or_alive: also those that run still.
+        or_alive: include those that still run.
         """
         return [
             process
@@ -282,11 +282,11 @@ class StageProcesses:
         ]
 
     def are_ready(self, options: SessionOptions) -> bool:
-        """Whether all that are needed are ready."""
+        """Whether all needed stages are ready."""
         return all(int(process.row["ready_ns"]) for process in self.needed(options))
 
     def have_applied(self, rev: int, options: SessionOptions) -> bool:
-        """Whether every stage has applied revision rev of the state, and those that are no longer
+        """Whether every stage has applied revision rev of the state, and stages that are no longer
         needed have ended.
         """
         return all(
@@ -294,7 +294,7 @@ class StageProcesses:
         )
 
     def kill(self) -> None:
-        """Ends all at once: the user asked twice."""
+        """Ends all stages immediately, after a second Ctrl-C."""
         for process in self:
             process.signal(signals.KILL)
 
@@ -313,8 +313,8 @@ class StageProcesses:
 
 def wait_for_end(stages: Collection[StageProcess], notify: Callable[[str], None]) -> None:
     """Waits until all processes have ended; the caller has asked them to stop. Late ones get
-    SIGTERM, then SIGKILL, unless one saves results and makes progress. notify: tells the
-    user what the session waits for.
+    SIGTERM, then SIGKILL, unless one saves results and makes progress. notify: notifies the user of
+    the reason for the wait.
     """
     reported: set[str] = set()
     for limit_s, signum in PASSES:

@@ -14,7 +14,7 @@ class Stage:
 
     name: str
     module: str
-    """It has `main(context)`."""
+    """Contains `main(context)`."""
     needed: Callable[[SessionOptions], bool]
     """Whether a session with these options runs it."""
     reads: tuple[str, ...] = ()
@@ -22,10 +22,9 @@ class Stage:
     writes: tuple[str, ...] = ()
     """Rings."""
     asks_for: Callable[[SessionOptions], tuple[str, ...]] = lambda _: ()
-    """Those of the rings that it reads which exist only on demand, and which it needs with these
-    options."""
+    """The on-demand rings that it reads and needs with these options."""
     metrics: MetricSet = NO_METRICS
-    """What it declares in its own package."""
+    """Declared in its own package."""
     optional: bool = False
     """Whether few sessions run it, and no picture waits for it."""
     own_core: bool = False

@@ -1,4 +1,4 @@
-"""The stages of a session: which failures are rolled back, restarted, or end it."""
+"""The stages of a session: starts, and failures that cause a rollback, a restart or the end."""
 
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -19,7 +19,7 @@ RECORDER_ENDED = "the recorder stopped early and nothing else was running"
 
 
 class StageFailures(Service):
-    """Rolls back, ends the session, or leaves a failed stage to be restarted."""
+    """Handles failed stages by a rollback, a restart, or the end of the session."""
 
     def __init__(self, stages: StageProcesses, rollback: Rollback) -> None:
         self._stages = stages

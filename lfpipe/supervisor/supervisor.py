@@ -1,4 +1,4 @@
-"""A session from its name and lock to the cleaning up, however it ends."""
+"""Runs a session from its name and lock to the cleanup after any end."""
 
 import contextlib
 import logging

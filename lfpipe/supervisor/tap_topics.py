@@ -1,5 +1,5 @@
-"""The topics of the tap: who writes each, and its fields besides `topic` and `t_ns`; messages of
-stages also have `stage`. A test compares this table with the code and with docs/contracts.md.
+"""The topics of the tap: the writers of each, and its fields besides `topic` and `t_ns`; messages
+of stages also have `stage`. A test compares this table with the code and with docs/contracts.md.
 """
 
 import attrs

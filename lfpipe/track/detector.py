@@ -1,5 +1,5 @@
 """Faces in a whole picture: the face detectors of MediaPipe (BlazeFace, arXiv:1907.05047), and the
-choice of the viewer's.
+choice of the viewer's face.
 
 `FaceSelector` counts pictures, not time: an engine has no clock, and a replay must make the same
 decisions as the session.
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lfpipe.track.network import Network, Roi, Warp, mapped, model_file, warp
 
-MIN_OVERLAP = 0.3  # boxes that overlap more are one face
+MIN_OVERLAP = 0.3  # boxes that overlap more belong to one face
 # Overlap of one face's boxes in successive pictures: 0.3 at 2 m/s, arm's length and 30 Hz.
 SAME_OVERLAP = 0.2
 # Overlap with the viewer's usual place: sides differ by less than a third, which excludes people
@@ -179,7 +179,7 @@ class FaceSelector:
         self._wins = 0
 
     def follow(self, box: Box, doubted: bool = False) -> bool:
-        """Reports the box of the followed face in this picture. doubted: it may be no viewer.
+        """Adds the box of the followed face in this picture. doubted: it may not be a viewer.
 
         Returns whether to scan the whole picture for other faces now.
         """

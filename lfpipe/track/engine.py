@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lfpipe.eyes import MIN_EYE_DISTANCE_PX, is_plausible_px
 
-# Eye distance over the longer side of the face: 0.3 to 0.5 in faces, 1 in those of a bad fit.
+# Eye distance over the longer side of the face: 0.3 to 0.5 in faces, 1 for a bad fit.
 MAX_EYE_DISTANCE = 1.5
 
 
@@ -71,7 +71,7 @@ class Engine(Protocol):
         ...
 
     def reset(self) -> None:
-        """Forgets the followed face; the next picture starts a new choice."""
+        """Stops following; the next picture starts a new choice."""
         ...
 
     def close(self) -> None: ...

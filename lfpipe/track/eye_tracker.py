@@ -17,39 +17,39 @@ from lfpipe.track.make_engine import make_engine
 log = logging.getLogger(__name__)
 NOWHERE: Eyes = (0.0, 0.0, 0.0, 0.0)
 
-# Logits of the confidence: 20 for a face that nothing hides, 13 to 20 for turned heads, 1 to 10
-# behind a hand. Drops are from the face's usual confidence.
+# Logits of the confidence: 20 for an unoccluded face, 13 to 20 for turned heads, 1 to 10 behind a
+# hand. Drops are relative to the face's usual confidence.
 HIDE_DROP, RELEASE_DROP = 10.0, 4.0  # a face is held below the first, released above the second
-TRUST_DROP = 2.0  # above it, a frame's position is one to hold later
+TRUST_DROP = 2.0  # below it, a frame's position may be held later
 USUAL_S = 1.0  # time constant of the usual confidence: nothing is held for much longer
-MAX_PULL = 0.4  # eye distances: the most that a hand pulls both eyes
-# Eye distances per second: a face that moved faster when it was seen clearly is not held. It leaves
-# the picture or turns away; a hand comes before faces that rest.
+MAX_PULL = 0.4  # eye distances: maximum displacement of both eyes by a hand
+# Eye distances per second: a face that moved faster while unoccluded is not held. It leaves the
+# picture or turns away; hands cover faces at rest.
 MAX_HELD_SPEED = 1.0
 
 
 class OcclusionHold:
-    """Detects that something hides the face: its confidence falls, and landmarks follow a hand.
+    """Detects occlusion of the face: its confidence falls, and landmarks follow a hand.
 
-    Then the eyes are held where they were before the confidence fell, unless the face was moving
-    then, or moves by more than a hand can pull it.
+    The eyes are then held at their last position before the confidence fell, unless the face was
+    moving, or moves by more than a hand can pull it.
     """
 
     def __init__(self) -> None:
         self.reset(0.0, NOWHERE)
 
     def reset(self, logit: float, eyes_px: Eyes) -> None:
-        """Begins with the first frame of a track.
+        """Starts with the first frame of a track.
 
         logit: of its confidence.
         """
         self._usual = logit
         self._trusted_px = eyes_px
-        self._moved = False  # when it was seen clearly
+        self._moved = False  # while it was unoccluded
         self.held = False
         """Whether to hold the eyes."""
         self.trusted = True
-        """Whether the present frame's eyes are those to hold later."""
+        """Whether the eyes of the current frame may be held later."""
 
     def update(
         self,
@@ -59,9 +59,9 @@ class OcclusionHold:
         dt_s: float,
         speed_px_s: float,
     ) -> bool:
-        """Adds a frame; returns whether a hold has just ended: the filter then starts anew.
+        """Adds a frame; returns whether a hold has just ended: the filter is then reset.
 
-        dt_s, speed_px_s: since and at the last frame.
+        dt_s: since the last frame. speed_px_s: at the last frame.
         """
         self._usual = max(logit, self._usual + min(dt_s / USUAL_S, 1.0) * (logit - self._usual))
         lx, ly, rx, ry = self._trusted_px
@@ -83,9 +83,8 @@ class OcclusionHold:
 class EyeTracker:
     """Follows one viewer's eyes from frame to frame.
 
-    portable: see `LitertNetworks`. device_latency_s: delay of camera and display. engine: by
-    default, the one that the settings name. Raises UserError if its libraries or models are
-    missing.
+    portable: see `LitertNetworks`. device_latency_s: delay of camera and display. engine: the
+    default is that of the settings. Raises UserError if its libraries or models are missing.
     """
 
     def __init__(
@@ -108,7 +107,7 @@ class EyeTracker:
         self.seen = False
         """Whether the last frame had a face."""
         self.fault = ""
-        """Which part returns unusable values; "" while all work."""
+        """The part that returns unusable values; "" if there is none."""
 
     def set(self, settings: Track, device_latency_s: float = 0.0) -> None:
         """Replaces the filter, but not the engine."""
@@ -153,10 +152,10 @@ class EyeTracker:
         confidence = min(max(face.confidence, 1e-9), 1 - 2e-9)  # logits of -20 to 20
         logit = math.log(confidence / (1 - confidence))
         away_ns = t_sensor_ns - self._seen_ns
-        # a hidden face's box is as wrong as its eyes
+        # the box of an occluded face is as wrong as its eyes
         same = self._occlusion.held or overlap(self._box_px, face.box_px) > SAME_OVERLAP
         if epoch != self._epoch or away_ns >= MAX_STEP_NS or not same:
-            # earlier runs say nothing about this one
+            # earlier runs are unrelated to this one
             self._epoch = epoch
             self._generation += 1
             self._filter.reset()

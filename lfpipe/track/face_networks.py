@@ -38,15 +38,15 @@ class FaceNetworks(Protocol):
     def measure(
         self, image: NDArray[np.uint8], roi: Roi, min_confidence: float
     ) -> tuple[Face, Roi] | None:
-        """The face in roi, however it leans, and its region in the next picture."""
+        """The face in roi, at any lean, and its region in the next picture."""
         ...
 
 
 class LitertNetworks:
     """Networks of the mediapipe wheel.
 
-    refine: eye centres are those of the irises, at the cost of two small networks. portable: the
-    same eyes to the last bit in every version of OpenCV, at the cost of 0.14 ms. Raises UserError
+    refine: eye centres are those of the irises, at the cost of two small networks. portable: bit-
+    identical eyes in every version of OpenCV, at the cost of 0.14 ms. Raises UserError
     if network files are missing or have another version.
     """
 

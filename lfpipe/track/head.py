@@ -1,4 +1,4 @@
-"""The viewer's head for other programs: positions in mm before the screen, and rotation.
+"""The viewer's head for other programs: positions in mm in front of the screen, and rotation.
 
 Axes: the origin is the middle of the picture on the screen; x points to the viewer's right, y up, z
 from the screen to the viewer. A viewer who looks straight at the screen looks along -z, like the
@@ -22,9 +22,9 @@ from lfpipe.eyes import MIN_EYE_DISTANCE_PX, extrapolated, low_pass_gain
 
 Point = tuple[float, float, float]
 
-# time constant of the depth: the distance between the eyes is noisier than their position
+# time constant of the depth: the eye distance is noisier than the position
 DEPTH_S = 0.1
-LOST_NS = 500_000_000  # after such a gap the old depth means nothing
+LOST_NS = 500_000_000  # after such a gap the old depth is discarded
 
 # The points of `lfpipe.eyes.HEAD_POINTS` in the canonical model, cm: x to the face's left, y up, z
 # out of the face.
@@ -40,24 +40,29 @@ _MODEL_CM = (
     (-7.664182, 0.673132, -2.435867),
     (7.664182, 0.673132, -2.435867),
 )
-# on the picture's axes: right, down, away from the camera
+# in the picture's axes: right, down, away from the camera
 MODEL = np.array(_MODEL_CM) * (1.0, -1.0, -1.0)
 _CENTRED = MODEL - MODEL.mean(axis=0)  # its rows sum to 0, so the points need not be centred
 
 
 @attrs.frozen(kw_only=True)
 class Head:
-    """left_mm, right_mm: the viewer's own eyes. position_mm: the point between them. yaw to the
-    viewer's right, pitch up, roll to the right shoulder: 0 for a head that faces along -z; applied
-    in that order about intrinsic axes.
+    """Position and rotation of a head. A head that faces along -z has angles of 0; yaw, pitch and
+    roll are applied in this order about intrinsic axes.
     """
 
     left_mm: Point
+    """The viewer's own left eye."""
     right_mm: Point
+    """The viewer's own right eye."""
     position_mm: Point
+    """The midpoint of the eyes."""
     yaw_deg: float
+    """To the viewer's right."""
     pitch_deg: float
+    """Up."""
     roll_deg: float
+    """To the right shoulder."""
 
 
 class HeadEstimator:
@@ -110,9 +115,9 @@ class HeadEstimator:
 
 
 def head_rotation(points: NDArray[np.floating]) -> NDArray[np.float64]:
-    """The rotation (3, 3) of the canonical model on the picture's axes that fits points (10, 3),
+    """The rotation (3, 3) of the canonical model, in the picture's axes, that fits points (10, 3),
     `HEAD_POINTS` in any unit: right, down, away from the camera. The identity for a face that looks
-    along the line of sight, and for unknown points, which are not finite or all 0.
+    along the line of sight, and for unknown points (not finite, or all 0).
     """
     moved = np.asarray(points, np.float64)
     if not moved.any() or not np.isfinite(moved).all():
@@ -133,9 +138,9 @@ def _head(
     eye_distance_px: float,
     rotation: NDArray[np.float64],
 ) -> Head:
-    # of the eyes, on the camera's axes
+    # of the eyes, in the camera's axes
     rays = np.column_stack([(eyes_px - pose.middle_px) / pose.focal_px, np.ones(2)])
-    turned = _along(rays.mean(axis=0)) @ rotation  # of the head on the camera's axes
+    turned = _along(rays.mean(axis=0)) @ rotation  # of the head in the camera's axes
     # additional distance of the left eye over the point between them
     aside_mm = turned[2, 0] * pose.eyes_mm / 2
     depths_mm = pose.focal_px * pose.eyes_mm / eye_distance_px + np.array([[aside_mm], [-aside_mm]])

@@ -28,9 +28,9 @@ EDGES = (10, 152, 234, 454)  # top of the forehead, chin, and the sides of the f
 # outer corners of the eyes, right to left: defines the rotation of a face's region
 EYE_LINE = (33, 263)
 IRIS_PX = 64  # side of the crop
-# In eye distances. A gaze moves both irises off the middle of the lids equally, and
-# only as far as the lids allow. If the two irises disagree, glasses or glare hide them, and the
-# lids are the better estimate.
+# In eye distances. A gaze moves both irises away from the middle of the lids equally, and only as
+# far as the lids allow. If the irises disagree, glasses or glare hide them, and the lids are the
+# better estimate.
 MAX_IRIS_DISAGREEMENT, MAX_IRIS_OFFSET = 0.06, 0.13
 _IRIS_SCALE = 2.3  # width of the crop in distances between the eye's corners
 # inner and outer of the viewer's left eye, outer and inner of the right: both left to right
@@ -49,9 +49,9 @@ _RAISE, _SPREAD = 0.036, 0.0067
 def eye_points(
     points: NDArray[np.floating], depth: NDArray[np.floating], scale: np.float32
 ) -> tuple[Point, Point, Point, Point, float, NDArray[np.float64]]:
-    """(left eye, right eye, their outer corners, the distance between the eyes in 3-D, the points
-    of HEAD_POINTS (10, 3)), from points (2, 468), x and y of the mesh, and depth (468,), its z
-    before it is scaled. A blink does not move them.
+    """(left eye, right eye, their outer corners, the eye distance in 3-D, the points of HEAD_POINTS
+    (10, 3)), from points (2, 468), x and y of the mesh, and depth (468,), its unscaled z. A blink
+    does not move them.
 
     A centre is the mean of the eye's corners and lower lid, shifted to the paper's centre: the mean
     of all 16 periocular points of an open eye.
@@ -75,7 +75,7 @@ def eye_points(
 
 
 class Irises:
-    """The eyes by their irises.
+    """Eye centres from the irises.
 
     Raises UserError if the network is missing or has another version.
     """

@@ -27,13 +27,13 @@ from lfpipe.track.face_networks import FaceNetworks, LitertNetworks
 from lfpipe.track.liveness import Liveness
 from lfpipe.track.network import Roi, around
 
-NEW_CONFIDENCE = 0.5  # that a new face needs
-# That a small new face needs: its detector has many false alarms, and real faces get more.
+NEW_CONFIDENCE = 0.5  # minimum for a new face
+# Minimum for a small new face: its detector has many false alarms, and real faces score higher.
 NEW_FAR_CONFIDENCE = 0.9
-# That a followed face needs: a hand in front of it lowers confidence more than accuracy.
+# Minimum for a followed face: a hand in front of it lowers confidence more than accuracy.
 KEPT_CONFIDENCE = 0.2
-# The same behind a mask and film glasses (-5.3 logits in one of 20), where the detector is sure: it
-# gives 0.7 to 19 of 20 of these faces, and 0.6 to the likeliest scene without one.
+# The same behind a mask and anaglyph glasses (-5.3 logits in one of 20), if the detector confirms
+# the face: it scores 19 of 20 such faces at 0.7, and the likeliest scene without a face at 0.6.
 DOUBTFUL_CONFIDENCE, CERTAIN_SCORE = 0.005, 0.7
 RECHECK_PICTURES = 10  # pictures after which a doubtful face must be detected again
 MAX_CANDIDATES = 6  # faces per picture that the landmark network tries, 1.3 ms each
@@ -102,8 +102,8 @@ class LitertEngine:
         return self._followed
 
     def _keeps(self, image: NDArray[np.uint8], face: Face) -> bool:
-        """Whether to keep following a face: it is upright, and where the landmark network is
-        unsure, the detector confirms it now and then.
+        """Whether to keep following a face: it must be upright and, if the landmark network is
+        unsure, confirmed by the detector now and then.
         """
         if abs(face.lean_deg) > MAX_LEAN_DEG:
             return False
@@ -145,14 +145,14 @@ class LitertEngine:
             measured = self._acquire(image, rival, NEW_CONFIDENCE) if rival else None
         if measured is not None:
             face, self._roi = measured
-            log.info("another face is followed: %s instead of %s", face.box_px, followed.box_px)
+            log.info("now following another face: %s instead of %s", face.box_px, followed.box_px)
             self._selector.change(face.box_px)
             self._liveness.begin()
 
     def _living(
         self, image: NDArray[np.uint8], candidates: list[Detection], followed: Face
     ) -> tuple[Face, Roi] | None:
-        """The most prominent face that lives, to follow instead of a portrait."""
+        """The most prominent living face, to follow instead of a portrait."""
         others = [one for one in candidates if overlap(followed.box_px, one.box_px) <= SAME_OVERLAP]
         measured = [self._acquire(image, one, NEW_CONFIDENCE) for one in others[:MAX_CANDIDATES]]
         regions = {id(one[0]): one for one in measured if one is not None}
@@ -173,7 +173,7 @@ class LitertEngine:
         looks.append((DOUBTFUL_CONFIDENCE, [one for one in near if one.score >= CERTAIN_SCORE]))
         for min_confidence, candidates in looks:
             ranked = self._selector.rank(candidates, width_px, height_px)
-            ranked.sort(key=self._liveness.is_portrait)  # a portrait is better than nobody
+            ranked.sort(key=self._liveness.is_portrait)  # a portrait is better than no face
             for candidate in ranked[:MAX_CANDIDATES]:
                 if (measured := self._acquire(image, candidate, min_confidence)) is not None:
                     return measured
@@ -185,10 +185,10 @@ class LitertEngine:
         """Measures a new face and its own region; None if it is not upright, which counts for the
         hint.
 
-        A leaning face is measured again until its own region is found, and one that the border of
-        the picture cuts off once: the detector's region is off by up to a third of the distance
-        between the eyes there. The detector often takes an upside-down face for an upright one, but
-        the landmark network is surer in the rotated region.
+        A leaning face is measured again until its own region is found; a face that the picture's
+        border cuts off, once: there, the detector's region is off by up to a third of the eye
+        distance. The detector often takes an upside-down face for an upright one, but the landmark
+        network is more confident in the rotated region.
         """
         measured = self._networks.measure(
             image, around(candidate.box_px, *candidate.points_px[:2]), min_confidence
@@ -231,7 +231,7 @@ class LitertEngine:
         return True
 
     def _look_far(self, image: NDArray[np.uint8]) -> list[Detection]:
-        """Searches small faces, alternately in the whole picture and, enlarged, in one of three
+        """Searches for small faces, alternately in the whole picture and, enlarged, in one of three
         parts that cover its width.
         """
         height_px, width_px = image.shape[:2]

@@ -1,8 +1,8 @@
 """Liveness detection: rejects photographs and portraits while a living face is in the picture.
 
-Counts pictures, as `FaceSelector` does. Lengths are in eye distances. On 16 clips of living people
-the eyes leave MIN_MOTION within 8 pictures of the first ones, and within 51 later on; the landmarks
-of a photograph move by a tenth of it.
+Counts pictures, as `FaceSelector` does. Lengths are in eye distances. In 16 clips of living people,
+the eyes exceed MIN_MOTION within the first 8 pictures, and within 51 pictures later on; the
+landmarks of a photograph move by a tenth as much.
 """
 
 import math
@@ -10,7 +10,7 @@ import math
 from lfpipe.track.detector import SAME_OVERLAP, Box, Detection, overlap
 from lfpipe.track.engine import Face
 
-MIN_MOTION = 0.0075  # of low-passed eyes, from where they last were
+MIN_MOTION = 0.0075  # of low-passed eyes, from their last reference position
 SMOOTHING_PICTURES = 8  # pictures; twice as many after a face was found do not count
 # Pictures without motion after which a face is a portrait: one that never moved, and one that did.
 PORTRAIT_PICTURES, STILL_PICTURES = 60, 300
@@ -75,8 +75,8 @@ class Liveness:
         return any(overlap(box, candidate.box_px) > PORTRAIT_OVERLAP for box in self._portraits)
 
     def others_alive(self, others: list[Face], followed: Face) -> list[Face]:
-        """Those of the other faces of a scan that have moved since they were first seen near here,
-        and are large enough to take over from a portrait.
+        """The other faces of a scan that have moved since they were first seen here and are large
+        enough to take over from a portrait.
         """
         before = self._others
         self._others = []

@@ -47,7 +47,7 @@ class Network:
     of values.
 
     path: the file. size_px: side of the picture. outputs: number of values of each wanted output.
-    low: of black; 1 is white. Raises UserError if the file is unreadable, not a network, or a
+    low: value of black; white is 1. Raises UserError if the file is unreadable, not a network, or a
     network of another shape (another version).
     """
 
@@ -63,7 +63,7 @@ class Network:
                 self._interpreter.allocate_tensors()
         except (OSError, ValueError, RuntimeError) as error:
             reason = (
-                str(error).strip().splitlines()[0] if str(error).strip() else "LiteRT refuses it"
+                str(error).strip().splitlines()[0] if str(error).strip() else "LiteRT rejects it"
             )
             raise UserError(
                 f"track.engine = litert: {path}: not a usable face network: {reason}",
@@ -112,7 +112,7 @@ class Network:
 def warp(
     image: NDArray[np.uint8], matrix: NDArray[np.float64], size_px: int, border: int
 ) -> NDArray[np.uint8]:
-    """OpenCV's own: OpenCV 5 interpolates exactly, OpenCV 4 at positions rounded to 1/32 px."""
+    """OpenCV's warp: OpenCV 5 interpolates exactly, OpenCV 4 at positions rounded to 1/32 px."""
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     return np.asarray(
         cv2.warpAffine(image, matrix, (size_px, size_px), flags=flags, borderMode=border), np.uint8
@@ -122,7 +122,7 @@ def warp(
 def portable_warp(
     image: NDArray[np.uint8], matrix: NDArray[np.float64], size_px: int, border: int
 ) -> NDArray[np.uint8]:
-    """At positions rounded to 1/32 px, with the same bits in every OpenCV from 4.10 on; 0.14 ms
+    """A warp at positions rounded to 1/32 px, bit-identical in every OpenCV from 4.10 on; 0.14 ms
     slower than `warp` for 192x192.
     """
     steps = np.arange(size_px)
@@ -139,14 +139,15 @@ def portable_warp(
 
 @attrs.frozen
 class Roi:
-    """A square in picture px: centre, side, and angle of its x axis (radians, clockwise as y points
-    down).
-    """
+    """A square in picture px."""
 
     x_px: float
+    """Of the centre."""
     y_px: float
+    """Of the centre."""
     side_px: float
     angle: float
+    """Of its x axis, radians, clockwise (y points down)."""
 
     def matrix(self, size_px: int) -> NDArray[np.float64]:
         """Affine (2, 3) from crop px (0..size_px) to picture px."""

@@ -1,9 +1,9 @@
-"""Stage track: the viewer's eyes in every frame, or those that a recording of the mouse holds.
+"""Stage track: the viewer's eyes in every frame, or those of a mouse recording.
 
 Reads: ring "frames", the newest.
 Writes: ring "eyes", one record per processed frame, with or without a face.
-Commands: recentre (chooses the face again), stop; filter settings by configuration; frames to leave
-out by option "level".
+Commands: recentre (chooses the face again), stop; filter settings by configuration; frame skipping
+by option "level".
 Emits: engine (name and model), face (found or lost), notice (faces that are not upright).
 """
 
@@ -71,7 +71,7 @@ def _track(context: Context) -> None:
                 continue
             face = engine.detect(image)
             if not frames.still_valid(stamp):
-                continue  # the writer overtook us: the picture may mix two frames
+                continue  # the writer overtook this reader: the picture may mix two frames
             if tracker.update(face, stamp.t_sensor_ns, stamp.epoch):
                 log.info(
                     "face %s at frame %d", "found" if tracker.seen else "lost", stamp.source_seq
@@ -93,7 +93,7 @@ def _track(context: Context) -> None:
 
 
 def _play(context: Context, folder: str) -> None:
-    """Publishes the eyes that a recording of the mouse holds in place of frames."""
+    """Publishes the eyes of a mouse recording, in place of frames."""
     sequence = open_sequence(Path(folder), verify=False)
     frames = context.input("frames")
     eyes = context.output("eyes")
@@ -126,5 +126,5 @@ def _publish(
 
 
 def _device_latency_s(context: Context) -> float:
-    """The delay of camera and display; none where pictures depend on the frames alone."""
+    """The delay of camera and display; 0 if pictures depend on the frames alone."""
     return device_latency_ms(context.options.clock, context.config.render.device_latency_ms) / 1e3

@@ -7,11 +7,11 @@ from collections.abc import Callable
 
 from lfpipe.host.machine import asleep_ns
 
-# the machine's, not the process's: stamps of different processes compare
+# of the machine, not of the process: stamps of different processes are comparable
 now_ns = time.monotonic_ns
 SECOND_NS = 1_000_000_000
 MS_NS = 1_000_000
-SLEPT_NS = SECOND_NS // 2  # as long as the gap after which filters reset
+SLEPT_NS = SECOND_NS // 2  # the gap after which filters are reset
 
 
 def sleep_until(t_ns: int) -> None:

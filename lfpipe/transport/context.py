@@ -35,11 +35,11 @@ class Context:
         self.options = spec.options
         self.stopping = False
         self.paused = False
-        self.cores = usable_cores()  # of the session: this is before the stage moves to its own
+        self.cores = usable_cores()  # of the session, before the stage moves to its own core
         # whether a message arrived since the last call of `commands`
         self.news = True
         self._inputs: list[RingInput] = []
-        # kept until the end: mappings must outlive their views
+        # kept until the end: memory maps must outlive their views
         self._open: list[RingInput | RingOutput] = []
         self._commands: list[tuple[str, control.Message]] = []
         self._answers: list[Answer] = []
@@ -52,7 +52,7 @@ class Context:
         control.connect(self._bus, spec.session.run_dir, "bus")
         self._ctl.send(control.encode({"cmd": "hello", "stage": spec.name}))
         self._rev = spec.rev
-        self._converter = converter()  # its import takes longer than a stage may stand still
+        self._converter = converter()  # its import takes longer than a stage may block
         self._ctl_fd = int(self._ctl.getsockopt(zmq.FD))
         self._used = True
         self._fds = [self._ctl_fd]
@@ -134,8 +134,8 @@ class Context:
         self.emit("notice", text=text)
 
     def report_lost(self, why: str) -> None:
-        """Reports that a file of the session ended early, or was not written: then the session's
-        exit code is not 0.
+        """Reports that a file of the session ended early or was not written; the session's exit
+        code is then not 0.
         """
         self.row["lost_outputs"] += 1
         self.notify(why)
@@ -149,7 +149,7 @@ class Context:
 
     def answer(self, command: control.Message, error: str = "", **result: Any) -> None:
         """Answers a command of `commands` once it is executed: its client receives the result, or
-        why it could not be executed.
+        the error.
         """
         answer = {"ok": False, "error": error} if error else {"ok": True, **result}
         self.request(control.EXECUTED, number=command.get("number", 0), **answer)
@@ -177,10 +177,10 @@ class Context:
         """Sleeps until an input has a new slot, a command or the stop arrives, or until_ns; at most
         BEAT_NS.
 
-        Returns False once the stage must end. inputs: False where it cannot use their data now.
+        Returns False once the stage must end. inputs: False if it cannot use their data now.
         """
         self.row.heartbeat()
-        self.done()  # a waiting stage has processed what it took
+        self.done()  # a waiting stage has processed its inputs
         for ring_input in self._inputs:
             ring_input.wait()
         t_ns = now_ns()
@@ -233,5 +233,5 @@ class Context:
     def close(self) -> None:
         """Closes the sockets; the mappings end with the process."""
         self._ctl.close()
-        self._bus.close(linger=200)  # final messages: why an output ended
+        self._bus.close(linger=200)  # final messages, with the reason for the end of an output
         self._zmq.term()

@@ -36,7 +36,7 @@ class Answer:
     """The command of the request."""
     ok: bool
     error: str
-    """Why it was refused; "" otherwise."""
+    """Reason of a refusal; "" otherwise."""
     remedy: str
     values: Message
     """The whole answer, with the fields of its command."""
@@ -133,7 +133,7 @@ def _is_id(value: object) -> bool:
 
 
 def repeated(message: Message) -> Message:
-    """What the answer to a message repeats of it: `cmd` and `id`, as far as they are valid."""
+    """The fields of a message that its answer repeats: `cmd` and `id`, if they are valid."""
     command = message.get("cmd")
     head = {"cmd": command} if isinstance(command, str) and _is_id(command) else {}
     return {**head, "id": message["id"]} if _is_id(message.get("id", [])) else head
@@ -147,11 +147,11 @@ def context() -> zmq.Context[zmq.Socket[bytes]]:
 
 
 def check_place(run_dir: Path, name: str) -> None:
-    """Raises UserError where the path of a socket in the run directory is too long."""
+    """Raises UserError if the path of a socket in the run directory is too long."""
     length = len(str(run_dir / name))
     if length > zmq.IPC_PATH_MAX_LEN:
         raise UserError(
-            f"{run_dir / name} has {length} characters, a socket takes {zmq.IPC_PATH_MAX_LEN}",
+            f"{run_dir / name} has {length} characters; a socket allows {zmq.IPC_PATH_MAX_LEN}",
             "use a shorter --session name, or a shorter XDG_RUNTIME_DIR",
         )
 
@@ -166,8 +166,8 @@ def connect(socket: zmq.Socket[bytes], run_dir: Path, name: str) -> None:
 
 
 def bind(socket: zmq.Socket[bytes], run_dir: Path, name: str) -> None:
-    """Makes a socket reachable under name, with limited memory: a message beyond MAX_BYTES gets an
-    error answer, one beyond twice that none. Raises zmq.ZMQError.
+    """Makes a socket reachable under name, with limited memory: a message above MAX_BYTES gets an
+    error answer, one above twice that size none. Raises zmq.ZMQError.
     """
     socket.setsockopt(zmq.MAXMSGSIZE, 2 * MAX_BYTES)
     socket.set_hwm(QUEUE)
@@ -186,9 +186,9 @@ def request(run_dir: Path, message: Message, timeout_s: float = 2.0) -> Message:
     except BadMessage as error:
         raise UserError(
             f"{message['cmd']}: the request cannot be sent: {error}",
-            "use a shorter one, of plain values",
+            "use a shorter one with plain values",
         ) from None
-    remedy = "see whether it runs: `lfpipe monitor --once`"
+    remedy = "check whether it is running: `lfpipe monitor --once`"
     with (
         context() as ctx,
         ctx.socket(zmq.DEALER) as socket,

@@ -20,9 +20,7 @@ HISTOGRAM = np.dtype(
 
 
 def bucket_of(us: int) -> int:
-    """Index of the bucket that holds us, a whole number of microseconds; negative values count as
-    0.
-    """
+    """Index of the bucket for us, a whole number of microseconds; negative values count as 0."""
     if us < 64:
         return max(us, 0)
     shift = us.bit_length() - 6
@@ -67,7 +65,7 @@ class Histogram:
 
 
 def quantiles(times: Times, *keys: str) -> str:
-    """`p50 41.20, p95 50.11 ms`, of these keys of a summary."""
+    """These keys of a summary as text, for example `p50 41.20, p95 50.11 ms`."""
     return ", ".join(f"{key.removesuffix('_ms')} {times[key]:.2f}" for key in keys) + " ms"
 
 

@@ -1,5 +1,5 @@
-"""Metrics that a stage declares in its own package, stores in its row of the status table, and
-monitors list by themselves.
+"""Metrics of stages: a stage declares them in its own package and stores them in its row of the
+status table; monitors list them automatically.
 
     METRICS = MetricSet(
         Metric("juddered", Kind.COUNT, "refreshes that showed another picture than planned"),
@@ -26,20 +26,20 @@ Value = int | float | bool | str | Times | None  # of a metric, for people and J
 
 
 class Kind(enum.Enum):
-    """What a metric counts or measures; each but HISTOGRAM is stored as one int64."""
+    """The kind of a metric; all but HISTOGRAM are stored as one int64."""
 
     COUNT = "count"
     """Grows; survives a restart of the stage."""
     GAUGE = "gauge"
-    """A number of now."""
+    """A current value."""
     FLAG = "flag"
-    """Whether something is so now."""
+    """Whether a condition holds now."""
     STATE = "state"
     """An index into the metric's states."""
     STAMP = "stamp"
     """A time of CLOCK_MONOTONIC in ns; 0: never."""
     DURATION = "duration"
-    """In ns; 0: not known. Its name ends with `_ns`."""
+    """In ns; 0: unknown. Its name ends with `_ns`."""
     HISTOGRAM = "histogram"
     """The distribution of a duration."""
 
@@ -51,7 +51,7 @@ class Metric:
     name: str
     kind: Kind
     meaning: str
-    """In one line, with the unit of a gauge."""
+    """One line, with the unit of a gauge."""
     states: tuple[str, ...] = ()
     """Of the kind STATE."""
 
@@ -62,7 +62,7 @@ class Metric:
         return f"{self.name.removesuffix('_ns')}_ms" if is_duration else self.name
 
     def shown(self, stored: Any) -> Value:
-        """The value for people and JSON of what a row holds."""
+        """The value for people and JSON, from the value stored in a row."""
         if self.kind is Kind.HISTOGRAM:
             return summary_ms(stored)
         number = int(stored)
@@ -89,7 +89,7 @@ class MetricSet:
                 f"a stage has at most {MAX_VALUES} values, {MAX_HISTOGRAMS} histograms"
             )
         if len({one.name for one in metrics}) < len(metrics):
-            raise ValueError("two metrics of a stage have one name")
+            raise ValueError("two metrics of a stage have the same name")
 
     def __iter__(self) -> Iterator[Metric]:
         return iter(self._metrics)

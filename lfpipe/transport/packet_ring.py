@@ -75,14 +75,14 @@ class PacketInput:
     def __init__(self, session: Session, name: str) -> None:
         self._name = session.segment(name)
         self._ring = ring.Reader(self._name)
-        self._ring.last_seq = 0  # the packet of our first frame may already be there
+        self._ring.last_seq = 0  # the packet of the first frame may already be there
         self._at = (-1, -1)
         self._data: bytes | None = None
 
     def of(self, stamp: Stamp) -> bytes | None:
-        """The packet of the frame with that stamp; call in order of frames.
+        """The packet of the frame with that stamp; None if there was none, or it is overwritten.
 
-        None if there was none, or if it is overwritten.
+        Call it in order of frames.
         """
         frame = (stamp.epoch, stamp.source_seq)
         while self._at < frame and (peeked := self._ring.peek(in_order=True)) is not None:

@@ -13,7 +13,7 @@
 
     published = p        slot (p-1) % N is the newest; the writer may be filling slot p % N.
     slot.seq = 0         is being filled, or was left incomplete by a dead writer; it is never read.
-    slot.seq = s         holds the s-th slot ever published, s = 1, 2, ...
+    slot.seq = s         contains the s-th slot ever published, s = 1, 2, ...
 
 Write
   1. seq = 0, in slot p % N; fence
@@ -22,14 +22,14 @@ Write
 
 Read
   1. Note p = published; fence.
-  2. Copy slot (p-1) % N, which holds number p; fence.
+  2. Copy slot (p-1) % N, which contains number p; fence.
   3. Note q = published again. The writer may now be filling slot q % N, which contained number q -
      N + 1.
   4. The copy is valid if q - p <= N - 2. Otherwise it may be torn: start again.
 
-A reader in order reads number n, the one after its last, by the same rule with n instead of p; or
-the oldest safe one. A killed writer has published only whole slots, and the next writer continues
-from the same counter. Slots that a slow reader missed are counted.
+An in-order reader reads number n, the one after its last, by the same rule with n instead of p; or
+the oldest safe one. A killed writer has published only complete slots, and the next writer
+continues from the same counter. Slots that a slow reader missed are counted.
 """
 
 import enum
@@ -122,7 +122,7 @@ def create(name: str, spec: RingSpec, run_dir: Path | None = None) -> Segment:
             f"ring {name}: {spec.slots} slots (3 or more), {len(description)} bytes of description"
             " (a page or less)"
         )
-    fence()  # refuses a machine without fences here, before the first process starts
+    fence()  # fails on a machine without fences here, before the first process starts
     memory = segment.create(name, spec.size_bytes, run_dir)
     buffer = memory.buf
     head = np.frombuffer(buffer, "<i8", 5)
@@ -179,9 +179,7 @@ class _Ring:
         return int(self._epoch[0])
 
     def close(self) -> None:
-        """Drops the views, then the mapping; otherwise pointers into unmapped memory would
-        remain.
-        """
+        """Drops the views before the mapping, so that no pointers into unmapped memory remain."""
         del self._published, self._epoch
         self._heads.clear()
         self._payloads.clear()
@@ -231,15 +229,13 @@ class Writer(_Ring):
         )
         # order relative to stamps and payload does not matter: readers wait for the counter
         head[0] = p + 1
-        fence()  # SYNC: the slot is whole before the counter points readers to it
+        fence()  # SYNC: the slot is complete before the counter points readers to it
         self._published[0] = p + 1
         return p + 1
 
 
 class Reader(_Ring):
-    """Any process's view of the ring; its memory is mapped read-only as far as numpy is
-    concerned.
-    """
+    """A reader in any process; numpy sees the memory as read-only."""
 
     def __init__(self, name: str) -> None:
         super().__init__(name, writable=False)

@@ -1,8 +1,8 @@
-"""What a stage receives at its start, and its ends of rings: wake-ups, the count of missed slots,
-credit in lossless sessions.
+"""The input of a stage at its start, and its ends of rings: wake-ups, the count of missed slots,
+and credit in lossless sessions.
 
-Credit: with the clock Lossless, a reader reports in its status row how far it has read a ring, and
-the writer waits for that.
+Credit: in lossless sessions, a reader reports in its status row how far it has read a ring, and the
+writer waits for it.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,7 +25,7 @@ class StageSpec:
 
     name: str
     module: str
-    """With `main(context)`."""
+    """Contains `main(context)`."""
     session: Session
     config: Config
     rev: int
@@ -38,7 +38,7 @@ class StageSpec:
     source: str
     """The stage that makes frames."""
     cpus: tuple[int, ...] = ()
-    """Cores to run on; none for all."""
+    """Cores to run on; empty: all."""
 
     def ring_index(self, name: str) -> int:
         """The index of a ring's credit in a status row."""
@@ -62,7 +62,7 @@ class RingInput:
         self._index = spec.ring_index(name)
         self._taken = row.record["taken_seq"].data
         taken = int(self._taken[self._index])
-        if self._credit or taken:  # a predecessor died: count what it left and what came since
+        if self._credit or taken:  # a predecessor died: count its unread slots, and later ones
             self.reader.last_seq = min(self.reader.last_seq, taken)
 
     def take(self, out: NDArray[Any], in_order: bool = False) -> ring.Stamp | None:
@@ -118,7 +118,7 @@ class RingInput:
             self._taken[self._index] = self.reader.last_seq
 
     def wait(self) -> None:
-        """Notes that the stage waits: in lock-step, everything taken has been processed."""
+        """Reports that the stage waits: in lock-step, everything taken has been processed."""
         if self._lock_step:
             self.give_credit()
 

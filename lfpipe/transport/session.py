@@ -1,6 +1,4 @@
-"""Names of a session: its run directory, segments, FIFOs and sockets. The supervisor creates what
-they name.
-"""
+"""Names of a session: its run directory, segments, FIFOs and sockets, made by the supervisor."""
 
 import errno
 import hashlib
@@ -24,12 +22,12 @@ MANIFEST = "session.json"  # in the run directory
 
 
 def base_dir() -> Path:
-    """Parent of run directories: XDG_RUNTIME_DIR, or /tmp. Raises UserError if it is no absolute
-    UTF-8 path.
+    """Parent of run directories: XDG_RUNTIME_DIR, or /tmp. Raises UserError if it is not an
+    absolute UTF-8 path.
     """
     # short: the path of a socket has at most 107 bytes, on macOS 103
     text = os.environ.get("XDG_RUNTIME_DIR") or "/tmp"
-    remedy = "set it to a directory of yours, or unset it"
+    remedy = "set it to a directory of your own, or unset it"
     if not Path(text).is_absolute():
         raise UserError(f"XDG_RUNTIME_DIR={text!r} is not an absolute path", remedy)
     try:
@@ -40,8 +38,8 @@ def base_dir() -> Path:
 
 
 def place_prefix(run_dir: Path) -> str:
-    """What the names of all segments of a run directory's sessions begin with: `lfp-`, 12
-    hexadecimal digits of a hash, `-`.
+    """Prefix of the names of all segments of a run directory's sessions: `lfp-`, 12 hexadecimal
+    digits of a hash, `-`.
 
     The hash is the SHA-256 of `DEVICE:INODE/NAME`: device and inode of the run directory's parent,
     and its own name. It is the same for any path to that directory, and differs in another
@@ -70,7 +68,7 @@ class Session:
 
     name: str = attrs.field()
     token: str = ""
-    """Random part of the names of its memory, so that no stranger can take them first. Only the
+    """Random part of the names of its memory, so that no other user can take them first. Only the
     supervisor and its stages have it; it is empty for others, who read it from the session's
     manifest.
     """
@@ -85,9 +83,7 @@ class Session:
 
     @property
     def run(self) -> str:
-        """This run of the session, for other programs: unlike its name, no other run has it. It
-        does not reveal the token.
-        """
+        """Unique id of this run of the session, for other programs; does not reveal the token."""
         return f"{self.name}.{hashlib.sha256(self.token.encode()).hexdigest()[:12]}"
 
     @property
@@ -116,7 +112,9 @@ class Session:
             if owner.name == self.run_dir.name
         }
         if len(elsewhere) != 1:
-            raise FileNotFoundError(errno.ENOENT, "no session, or several, of that name", self.name)
+            raise FileNotFoundError(
+                errno.ENOENT, "no session, or several, with that name", self.name
+            )
         return elsewhere.pop() + ring
 
     def wake(self, ring: str, reader: str) -> Path:
@@ -141,9 +139,9 @@ class SessionManifest:
     pid: int
     """Of the supervisor."""
     started_ns: int
-    """Of CLOCK_MONOTONIC."""
+    """By CLOCK_MONOTONIC."""
     started: str
-    """The same moment by the wall clock."""
+    """The same time by the wall clock."""
     options: dict[str, Any]
     """`SessionOptions` at its start, as plain values."""
 

@@ -1,4 +1,4 @@
-"""The status table: one row per process in shared memory, read by the supervisor and by monitors
+"""The status table: one row per process in shared memory. The supervisor and monitors read it
 without messages.
 
     0    magic "LFSTAT1\0"
@@ -30,7 +30,7 @@ from lfpipe.transport.histogram import HISTOGRAM, Histogram
 from lfpipe.transport.metrics import NO_METRICS, SPACE, MetricSet
 
 RECENT = 64  # completion stamps kept for the rate
-RINGS = 8  # rings that a session may have
+RINGS = 8  # maximum number of rings of a session
 
 
 class State(enum.IntEnum):
@@ -201,8 +201,8 @@ class Row:
         self.record["busy_with"] = work.encode()
 
     def report_health(self, fault: str, has_result: bool) -> None:
-        """Counts an output. fault: which part of the stage does not work, at most 96 bytes; "" if
-        all do.
+        """Counts an output. fault: the part of the stage that does not work, at most 96 bytes; ""
+        if there is none.
         """
         self._int["outputs_faulty" if fault else "outputs_ok"][0] += bool(fault) or has_result
         data = fault.encode()[:96]
@@ -232,7 +232,7 @@ class Row:
 
 
 def clear(record: NDArray[np.void], *names: str) -> None:
-    """Sets fields of a row to 0, or to no text."""
+    """Sets fields of a row to 0 or to empty text."""
     for name in names:
         record[name] = np.zeros((), ROW[name])
 

@@ -1,4 +1,4 @@
-"""Benchmarks on small inputs: figures and skipped measurements."""
+"""Benchmarks on small inputs: metrics and skipped measurements."""
 
 import itertools
 from pathlib import Path
@@ -48,9 +48,7 @@ def test_tracker_follows_the_demo_within_a_pixel(tmp_path: Path, sequence: Frame
     found, skipped = split(
         tracker.measure(inputs(wall(2, 2), tmp_path, attrs.evolve(sequence, truth=None)))
     )
-    assert "error of tracking" in skipped and set(found["litert, 320x240"].prepare()[0]) == {
-        "missed"
-    }
+    assert "tracking error" in skipped and set(found["litert, 320x240"].prepare()[0]) == {"missed"}
     vblank, skipped = split(tracker.measure(inputs(wall(2, 2), tmp_path)))
     assert "input wider than 160 px" in skipped
     with pytest.raises(ValueError, match="no face"):
@@ -71,8 +69,8 @@ def test_synthesis_of_a_wall_and_what_does_not_apply(tmp_path: Path) -> None:
     for rows, cols, disparity, missing, curves in (
         (5, 5, False, "warped views", {"nearest", "blend"}),
         (1, 9, True, "viewpoints off the line", {"nearest", "blend", "warp", "warp2"}),
-        (1, 1, True, "error on left-out views", set()),
-        (2, 2, True, "error on left-out views", set()),
+        (1, 1, True, "error on held-out views", set()),
+        (2, 2, True, "error on held-out views", set()),
     ):
         found, skipped = split(
             synthesis.measure(inputs(wall(rows, cols, disparity=disparity), tmp_path))

@@ -1,4 +1,4 @@
-"""The paper's sentences about dense and sparse grids, near and far viewers, as figures."""
+"""The paper's statements about dense and sparse grids, near and far viewers, as metrics."""
 
 from itertools import pairwise
 

@@ -215,7 +215,7 @@ def test_report_stands_alone_and_begins_with_verdicts(
     text = write_report({"fake": results}, tmp_path).read_text()
     first, rest = text.partition("<nav>")[::2]
     assert "two (in use)" in first and "wall time" in first and "&lt;p&gt;" in first
-    last = rest[rest.index("What failed") :]
+    last = rest[rest.index("Failures") :]
     matters = [re.sub("<[^>]+>", "|", line) for line in last.split("<tr") if "Extreme" in line]
     assert (
         len(matters) == 2

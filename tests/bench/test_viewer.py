@@ -1,4 +1,4 @@
-"""`lfpipe bench viewer` in its short form: every figure of the product is within its bound."""
+"""`lfpipe bench viewer` in its short form: every metric is within its bound."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""Commands and options of other packages: listed, run, and skipped where they are broken."""
+"""Commands and options of other packages: listed, run, and skipped if they are broken."""
 
 from collections.abc import Iterator
 from pathlib import Path

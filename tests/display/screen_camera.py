@@ -1,8 +1,8 @@
 """`lfpipe` with a camera that looks at the screen, with a delay and an exposure of its own.
 
-The device's node is an ordinary file: the settings of `Optics` as JSON. At each blank the screen
+The device's node is an ordinary file: the settings of `Optics` as JSON. At each vblank, the screen
 shows what the picture of Xvfb held just before, as a real screen would: the server, which has none,
-changes its picture 0 to 25 ms before the blank that it reports. Used as `python -m
+changes its picture 0 to 25 ms before the vblank that it reports. Used as `python -m
 tests.display.screen_camera`.
 """
 
@@ -155,7 +155,7 @@ def open_screen(path: Path, camera: config.Camera) -> driver.CameraSource:
     return driver.CameraSource(path, camera, ScreenCamera(path))
 
 
-HEARD: dict[int, int] = {}  # blanks that the window has heard of, ns, by picture
+HEARD: dict[int, int] = {}  # vblanks reported to the window, ns, by picture
 
 
 def note_vblanks(window_class: Any) -> None:

@@ -300,6 +300,6 @@ def test_presented_by_names_the_source_of_vblanks(
     assert all(-20e6 <= line["t_presented_ns"] - line["t_composed_ns"] < 1e9 for line in seen)
     assert not any(line["t_presented_ns"] for line in lines if line["presented_by"] == "replaced")
     vblanks = [line["t_presented_ns"] for line in seen if line["presented_by"] in reporters]
-    assert all(a < b for a, b in pairwise(vblanks)), "no two pictures at one blank"
+    assert all(a < b for a, b in pairwise(vblanks)), "no two pictures at one vblank"
     monitor = world.monitor()
     assert monitor["judder"]["planned"] > 0 and 0 <= monitor["judder"]["percent"] <= 100

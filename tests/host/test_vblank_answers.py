@@ -1,4 +1,4 @@
-"""`VblankAnswers`: which picture each blank of an X server showed."""
+"""`VblankAnswers`: the picture shown at each vblank of an X server."""
 
 import pytest
 
@@ -6,12 +6,12 @@ from lfpipe.host.presentation import Presented, VblankAnswers
 from lfpipe.transport.clock import MS_NS
 
 PERIOD_NS = 16 * MS_NS
-THIRD, FOURTH = 3 * PERIOD_NS, 4 * PERIOD_NS  # the times of blanks
+THIRD, FOURTH = 3 * PERIOD_NS, 4 * PERIOD_NS  # the times of vblanks
 LAST = (None, [Presented(4, FOURTH, PERIOD_NS)])
 Step = tuple[tuple[int, int, int] | None, list[Presented]]
 # when pictures 3 and 4 were asked for; then answers (None: a rest), and what they say was shown
 PLAYS: dict[str, tuple[tuple[int, int], list[Step]]] = {
-    "the last of two before one blank was shown": (
+    "the last of two before one vblank was shown": (
         (THIRD - 8 * MS_NS, THIRD - 2 * MS_NS),
         [
             ((3, THIRD, 3), []),
@@ -19,7 +19,7 @@ PLAYS: dict[str, tuple[tuple[int, int], list[Step]]] = {
             (None, [Presented(4, THIRD, PERIOD_NS)]),
         ],
     ),
-    "one that was put off is that of its own blank": (
+    "a delayed answer belongs to its own vblank": (
         (THIRD - 8 * MS_NS, FOURTH - 8 * MS_NS),
         [
             ((4, FOURTH, 4), []),

@@ -1,4 +1,4 @@
-"""Calibration: what is written, and a whole run on the demo's face."""
+"""Calibration: the saved settings, and a complete run on the demo's face."""
 
 import json
 import shutil

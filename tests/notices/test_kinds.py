@@ -1,4 +1,4 @@
-"""Notices of a session's condition: their kind, and the most urgent alone."""
+"""Notices of a session's condition: their kind, and selection of the most urgent one."""
 
 import numpy as np
 import pytest

@@ -54,7 +54,7 @@ def viewer(**render: Any) -> Viewer:
 
 
 def presentation(**fields: Any) -> Presentation:
-    """A new picture for eyes in the middle, handed over after 1 s; fields: other values."""
+    """A new picture for eyes in the middle, submitted after 1 s; fields: other values."""
     eyes = TrackedEyes(record(), Stamp(1, 1, 0, S, S, S, 0), S)
     plain: dict[str, Any] = {
         "seq": 0,

@@ -156,7 +156,7 @@ FOUND: dict[str, tuple[LightField, float, dict[str, object], dict[str, float], s
         {"zero_plane_px": 10.5, "views_between_eyes": 4.0, "comfort_views": 1.28 * 12.0 / 1.5},
         "+10.50 px/view",
     ),
-    "what was far is near": (OFFSET.exchanged(), 63.0, {}, {"zero_plane_px": -9.0}, ""),
+    "what was far is near": (OFFSET.inverted(), 63.0, {}, {"zero_plane_px": -9.0}, ""),
 }
 
 

@@ -38,7 +38,7 @@ NONE = SessionOptions()
 
 
 class Vblanks(Display):
-    vblank_source = "blanks"
+    vblank_source = "vblanks"
 
 
 # trace
@@ -52,7 +52,7 @@ def test_trace_and_timeline_get_the_same_lines(tmp_path: Path) -> None:
     trace.presented(presentation(seq=2, eyes=None))
     trace.presented(presentation(seq=3))
     trace.set_options(NONE)
-    trace.presented(presentation(seq=4, by="blanks", more={"picture": "0"}))
+    trace.presented(presentation(seq=4, by="vblanks", more={"picture": "0"}))
     trace.close()
     lines, timeline = (
         [json.loads(line) for line in (tmp_path / name).read_text().splitlines()]
@@ -60,7 +60,7 @@ def test_trace_and_timeline_get_the_same_lines(tmp_path: Path) -> None:
     )
     assert [line["seq"] for line in lines] == [1, 3, 4]
     assert timeline == lines[1:2]
-    assert (lines[2]["presented_by"], lines[2]["picture"]) == ("blanks", "0")
+    assert (lines[2]["presented_by"], lines[2]["picture"]) == ("vblanks", "0")
     assert (
         lines[0]["eyes_used"] == lines[0]["eyes_raw"] == {"left": [332, 240], "right": [308, 240]}
     )
@@ -126,7 +126,7 @@ SEEN = presentation(display_time=ON_TIME, cost_ns=5_000_000, t_presented_ns=2 * 
             {"seq": 2, "planned": 5, "missed": 3, "juddered": 4, "face": 1, "t_face_ns": S}
             | {"age": 1, "busy": 2},
         ),
-        # without blanks nothing is planned
+        # without vblanks nothing is planned
         (
             Display(),
             [presentation(display_time=ON_TIME)],

@@ -1,4 +1,4 @@
-"""Presenter: what is composed, handed over and reported, on displays that show nothing."""
+"""Presenter: composition, submission and reports of pictures, on displays without output."""
 
 from unittest.mock import Mock
 
@@ -25,7 +25,7 @@ REFRESH_NS = 1_000_000_000 // 60
 
 
 class Screen(Display):
-    """Keeps pictures, and reports blanks as the test asks."""
+    """Keeps pictures, and reports vblanks as the test requests."""
 
     def __init__(self, vblank_source: str = "") -> None:
         self.pictures: list[NDArray[np.uint8]] = []
@@ -120,7 +120,7 @@ def test_presenter_draws_the_glasses_test_instead_of_the_scene() -> None:
 
 
 def test_presenter_reports_pictures_in_order_of_their_vblanks() -> None:
-    world = World(vblank_source="blanks")
+    world = World(vblank_source="vblanks")
     first = world.show()
     stayed = world.show()
     assert not stayed.composed and world.known == []
@@ -134,13 +134,13 @@ def test_presenter_reports_pictures_in_order_of_their_vblanks() -> None:
         8,
         9,
     ] and world.known == world.handed
-    assert [presentation.by for presentation in world.known] == ["blanks"] * 3
+    assert [presentation.by for presentation in world.known] == ["vblanks"] * 3
     assert stayed.t_presented_ns == stayed.due_ns
     assert (first.juddered, second.juddered) == (False, True)
 
 
 def test_presenter_reports_the_last_pictures_at_the_end() -> None:
-    world = World(vblank_source="blanks")
+    world = World(vblank_source="vblanks")
     first = world.show()
     world.presenter.redraw()
     second = world.show()

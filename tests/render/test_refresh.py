@@ -1,7 +1,7 @@
 """The display's clock. Beside a camera's, the phase is found at once, then followed in small steps;
-what does not fit is left. On a screen's blanks: a grid from noisy reports, and a lead learnt from a
-simulated compositor. Pictures on their way to the light are known once each, in their order, by
-their blank or by their hand-over.
+outliers are ignored. On a screen's vblanks: a grid from noisy reports, and a lead learnt from a
+simulated compositor. Each submitted picture is reported once, in order, by its vblank or by its
+submission.
 """
 
 from collections import deque
@@ -137,7 +137,7 @@ def test_refresh_due_ns_increases_for_any_camera_stamps() -> None:
 def grid(
     rate_hz: float, count: int, jitter_ns: float, seed: int = 1, shown: float = 1.0
 ) -> list[int]:
-    """Times of blanks; a share `shown` of them is reported."""
+    """Times of vblanks; a share `shown` of them is reported."""
     random = np.random.default_rng(seed)
     ticks = np.flatnonzero(random.random(count) < shown)
     return [round(T0_NS + k * 1e9 / rate_hz + random.uniform(-jitter_ns, jitter_ns)) for k in ticks]
@@ -228,7 +228,7 @@ def test_screen_refresh_begins_late_and_misses_few_vblanks(
 
 
 class Composed:
-    """A refresh on blanks, and pictures that cost time."""
+    """A refresh on vblanks, and pictures that cost time."""
 
     def __init__(self) -> None:
         self.refresh = ScreenRefresh(60.0, T0_NS)
@@ -236,7 +236,7 @@ class Composed:
         self.due_ns = T0_NS
 
     def compose(self, cost_ms: float, late_by: int = 0) -> int:
-        """The lead after a picture that is shown so many blanks late."""
+        """The lead after a picture that is shown so many vblanks late."""
         self.due_ns = self.refresh.clock.nearest(self.due_ns + 16_666_667)
         start_ns = self.due_ns - self.refresh.lead_ns()
         cost_ns = round(cost_ms * MS)
@@ -274,7 +274,7 @@ def test_screen_refresh_lead_shrinks_to_what_is_needed() -> None:
 
 
 def shown_on_demand(pictures: int, delay_ms: float, rest_ms: float) -> tuple[int, float]:
-    """A screen without blanks: it shows a picture delay_ms after the hand-over, and not before it
+    """A screen without vblanks: it shows a picture delay_ms after submission, and not before it
     has rested for rest_ms since the one before. Returns how many of the second half were not at
     their interval, and the mean of the lead of those, ms.
     """
@@ -340,17 +340,17 @@ def known(
 ) -> list[tuple[int, int, str]]:
     return [
         (one.t_handed_ns, one.t_presented_ns, one.by)
-        for one in take_known(waiting, answers, "blanks", t_ns)
+        for one in take_known(waiting, answers, "vblanks", t_ns)
     ]
 
 
 def test_take_known_waits_for_a_vblank_in_order() -> None:
-    waiting = deque((presentation(1, 100), presentation(0, 200, "blanks"), presentation(2, 300)))
+    waiting = deque((presentation(1, 100), presentation(0, 200, "vblanks"), presentation(2, 300)))
     assert known(waiting, [Presented(2, 350, 0)], 360) == []
     assert known(waiting, [Presented(1, 150, 0)], 370) == [
-        (100, 150, "blanks"),
-        (200, 200, "blanks"),
-        (300, 350, "blanks"),
+        (100, 150, "vblanks"),
+        (200, 200, "vblanks"),
+        (300, 350, "vblanks"),
     ]
     assert known(waiting, [Presented(1, 999, 0), Presented(7, 1, 0)], 380) == [], (
         "an answer twice, and one to nothing"

@@ -689,7 +689,7 @@ SETS: dict[str, list[PeopleSet]] = {
         refuses(
             "a grid that does not divide",
             BY_ONE_NUMBER,
-            "12 views do not make 5x5",
+            "12 views do not fill 5x5",
             again(),
             grid="5x5",
         ),
@@ -716,7 +716,7 @@ SETS: dict[str, list[PeopleSet]] = {
         refuses(
             "numbered folders of two scenes",
             together(grid(TWELVE, "set1/{r}_{c}.png"), grid(TWELVE, "set2/{r}_{c}.png")),
-            "pictures stand in 2 folders:",
+            "pictures are in 2 folders:",
             inside("set1"),
         ),
         refuses(

@@ -1,4 +1,4 @@
-"""`lfpipe scene` as a person types it; the keys of manifest.json, and of what --json prints."""
+"""`lfpipe scene` on the command line; the keys of manifest.json, and of what --json prints."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Disparity of a view from all that stands around it."""
+"""Disparity of a view from its neighbours."""
 
 import cv2
 import numpy as np

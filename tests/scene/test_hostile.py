@@ -192,8 +192,8 @@ ATTACKS: dict[str, tuple[Make, str]] = {
         "not a readable HDF5 file",
     ),
     "HDF5 bomb": (chunk_bomb, "bytes are stored for"),
-    "chain of links": (chained_links, "kept in another"),
-    "virtual data set": (virtual, "kept in another"),
+    "chain of links": (chained_links, "stored in another"),
+    "virtual data set": (virtual, "stored in another"),
     "film, header": (
         replaced(struct.pack("<II", 240, 128), struct.pack("<II", 9000, 9000), "FFV1"),
         "9000x9000",

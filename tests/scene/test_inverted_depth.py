@@ -1,4 +1,4 @@
-"""Near and far are exchanged without packing: state of the session, remembered for the scene, the
+"""Depth is inverted without packing: state of the session, remembered for the scene, the
 same bits as a turned pack.
 """
 
@@ -42,32 +42,32 @@ def pictures(field: LightField, method: Method) -> list[np.ndarray]:
     return [compositor.compose(*place).copy() for place in PLACES]
 
 
-def test_exchanged_it_is_bit_for_bit_a_pack_of_the_turned_grid(
+def test_inverted_it_is_bit_for_bit_a_pack_of_the_turned_grid(
     scene: Path, scene_config: config.Scene
 ) -> None:
     pack = pack_scene(scene, attrs.evolve(scene_config, flip="none"))
     turned = pack_scene(scene, attrs.evolve(scene_config, flip="both"))
-    exchanged = pack.exchanged()
+    inverted = pack.inverted()
     assert (
         turned.manifest.key != pack.manifest.key
-        and exchanged.manifest.flips == turned.manifest.flips
+        and inverted.manifest.flips == turned.manifest.flips
     )
-    assert np.array_equal(exchanged.views, turned.views)
-    assert exchanged.disparity is not None and turned.disparity is not None
+    assert np.array_equal(inverted.views, turned.views)
+    assert inverted.disparity is not None and turned.disparity is not None
     stored = (
-        exchanged.disparity * exchanged.disparity_scale_px,
+        inverted.disparity * inverted.disparity_scale_px,
         turned.disparity * turned.disparity_scale_px,
     )
     assert np.array_equal(*stored)
     assert (
-        exchanged.disparity_min_px == turned.disparity_min_px
-        and exchanged.disparity_max_px == turned.disparity_max_px
+        inverted.disparity_min_px == turned.disparity_min_px
+        and inverted.disparity_max_px == turned.disparity_max_px
     )
-    assert exchanged.border_px == turned.border_px == pytest.approx((1.0, 1.0), abs=0.2)
+    assert inverted.border_px == turned.border_px == pytest.approx((1.0, 1.0), abs=0.2)
     for method in ("nearest", "blend", "warp", "warp2"):
-        for a, b in zip(pictures(exchanged, method), pictures(turned, method), strict=True):
+        for a, b in zip(pictures(inverted, method), pictures(turned, method), strict=True):
             assert np.array_equal(a, b), method
-    assert not np.array_equal(pictures(pack, "warp2")[0], pictures(exchanged, "warp2")[0])
+    assert not np.array_equal(pictures(pack, "warp2")[0], pictures(inverted, "warp2")[0])
 
 
 def test_unknown_disparity_stays_unknown() -> None:
@@ -76,17 +76,17 @@ def test_unknown_disparity_stays_unknown() -> None:
     field = rendered.field(3, 3)
     assert field.disparity is not None
     field.disparity[:, :, :, :16, :16] = -128
-    twice = field.exchanged().exchanged()
+    twice = field.inverted().inverted()
     for a, b in zip(pictures(field, "warp2"), pictures(twice, "warp2"), strict=True):
         assert np.array_equal(a, b)
     negated = np.where(field.disparity == -128, -128, -field.disparity.astype(int)).astype(np.int8)
     by_hand = attrs.evolve(
-        field.exchanged(),
+        field.inverted(),
         disparity=negated[:, ::-1, ::-1],
         disparity_scale_px=field.disparity_scale_px,
         depth_inverted=False,
     )
-    for a, b in zip(pictures(field.exchanged(), "warp2"), pictures(by_hand, "warp2"), strict=True):
+    for a, b in zip(pictures(field.inverted(), "warp2"), pictures(by_hand, "warp2"), strict=True):
         assert np.array_equal(a, b)
 
 

@@ -177,7 +177,8 @@ def test_views_that_are_missing_or_of_another_size_are_named(tmp_path: Path, lay
     source = described(tmp_path, layout)
     assert (source.rows, source.cols, source.missing) == (4, 4, frozenset({(1, 2), (2, 1)}))
     assert (
-        "2 of 4x4 views missing, made from others: row 1 column 2, row 2 column 1" in source.notes
+        "2 of 4x4 views missing, filled in from others: row 1 column 2, row 2 column 1"
+        in source.notes
     )
     assert any(f"{odd.name} (80x62 px)" in note for note in source.notes)
 

@@ -50,7 +50,7 @@ def test_flow_finds_the_direction_of_a_line(
     [{}, {"turn": GridTransform(), "turn_by": "habit", "turn_firm": False}],
     ids=["", "habit"],
 )
-def test_one_way_motion_decides_all_but_the_half_turn(more: dict[str, Any]) -> None:
+def test_one_way_motion_decides_all_but_depth_inversion(more: dict[str, Any]) -> None:
     found = orient(as_source(made.wall(5, 5, 96, 128, 4)[:, ::-1], **more), AUTO)
     assert found.turn in (GridTransform(cols=True), GridTransform(rows=True))
 

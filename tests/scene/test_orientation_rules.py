@@ -168,7 +168,7 @@ ORDERS: dict[str, tuple[SceneSource, dict[str, Any], dict[str, Any], str]] = {
         source(np.repeat(made.views(1, 7), 3, axis=0)),
         {},
         {"by": "flow", "turn": GridTransform()},
-        "whether the grid is one",
+        "whether this is a grid",
     ),
     # nothing hides anything, and cameras may converge in front of it
     **{
@@ -178,7 +178,7 @@ ORDERS: dict[str, tuple[SceneSource, dict[str, Any], dict[str, Any], str]] = {
             {"turn": GridTransform(), "depth_order_sure": False},
             "depth order",
         )
-        for way, step in (("as it is", 1), ("half-turned", -1))
+        for way, step in (("as it is", 1), ("inverted", -1))
     },
     **{
         f"too small: {height}x{width}": (
@@ -250,7 +250,7 @@ def test_order_of_views(kind: str) -> None:
 
 
 @pytest.mark.parametrize("turn", TURNS, ids=str)
-def test_a_pack_leaves_the_half_turn_to_the_session(turn: GridTransform) -> None:
+def test_a_pack_leaves_depth_inversion_to_the_session(turn: GridTransform) -> None:
     order = Orientation(turn=turn, by=OrderSource.FLOW, reason="")
     assert order.invert_depth is turn.cols
     assert order.packed == (
@@ -286,5 +286,5 @@ def test_depth_is_that_of_the_middle_view_in_either_way(near_px: float, far_px: 
         AUTO,
     )
     assert turned.depth is not None and turned.depth.max_px == pytest.approx(-far_px, abs=0.4), (
-        "of the pack, without the half-turn"
+        "of the pack, without depth inversion"
     )

@@ -120,7 +120,7 @@ FILM = [made.mosaic(made.views(2, 3, 64, 80, near)) for near in (2.0, 1.5)]
 FAR_LEFT, FAR_RIGHT = far_pair(240)
 # a scene, settings, what its pack has, and its views
 PACKS: dict[str, tuple[Make, dict[str, Any], dict[str, Any], np.ndarray | None]] = {
-    # near and far exchanged: truth follows with its sign
+    # depth inverted: truth follows with its sign
     "both flipped": (
         partial(with_truth, count=3),
         {"flip": "both"},
@@ -195,7 +195,7 @@ def test_a_missing_view_is_made_from_the_nearest_and_told(
     views = made.views(5, 5)
     folder = made.without(made.write_grid(tmp_path, views), f"view_{row:02d}_{row:02d}.png")
     field = pack_scene(folder, attrs.evolve(scene_config, flip="none"))
-    told = f"1 of 5x5 views missing, made from others: row {row} column {row}"
+    told = f"1 of 5x5 views missing, filled in from others: row {row} column {row}"
     assert any(told in note for note in field.manifest.notes)
     assert np.argwhere(~field.present).tolist() == [[row, row]]
     filled, beside = pictures(field)[row, row : row + 2].astype(float)

@@ -1,6 +1,4 @@
-"""The packer as a child: what it gives, what it refuses, and what is left when it is killed or the
-disk is full.
-"""
+"""The packer as a child process: results, refusals, and leftovers after a kill or full disk."""
 
 import contextlib
 import os

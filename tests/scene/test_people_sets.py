@@ -1,4 +1,4 @@
-"""Sets as people have them open as what they are, or are refused for the right reason."""
+"""Typical user data sets are opened correctly, or refused with the right reason."""
 
 import re
 from collections.abc import Iterator

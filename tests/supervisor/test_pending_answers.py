@@ -1,4 +1,4 @@
-"""`PendingAnswers`: who is answered when, without a socket or a clock."""
+"""`PendingAnswers`: recipients and times of answers, without a socket or a clock."""
 
 from lfpipe.supervisor.control_sockets import Request
 from lfpipe.supervisor.pending_answers import APPLY_NS, EXECUTE_NS, PendingAnswers

@@ -1,4 +1,4 @@
-"""Run directories: how they are locked, swept and lost, and what in them or in the environment is
+"""Run directories: locks, sweeps and losses, and what in them or in the environment is
 refused with a remedy. And the
 memory of sessions: names follow the run directory; only dead segments of lfpipe are unlinked.
 """
@@ -119,7 +119,7 @@ def test_acquire_refuses_a_path_too_long_for_sockets(
     place.mkdir()
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(place))
     long = refusal(rundir.acquire, Session("abc"))
-    assert "a socket takes" in long.message
+    assert "a socket allows" in long.message
     assert "shorter --session" in long.remedy and "shorter XDG_RUNTIME_DIR" in long.remedy
     assert not list(place.iterdir())
     lock = rundir.acquire(Session("ab"))

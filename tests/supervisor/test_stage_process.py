@@ -1,4 +1,4 @@
-"""Which stages count as hung, and who waits for their end."""
+"""Detection of hung stages, and waits for their end."""
 
 from types import SimpleNamespace
 from typing import Any

@@ -1,4 +1,4 @@
-"""`EyeTracker`: what an engine or a filter gives is finite and plausible, else it is no face."""
+"""`EyeTracker`: results of engine and filter are finite and plausible, or the face is discarded."""
 
 import math
 from types import SimpleNamespace

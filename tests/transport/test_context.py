@@ -1,4 +1,4 @@
-"""A stage's one place to wait: what wakes it, and what does not."""
+"""`Context.wait`: the events that wake a stage."""
 
 import secrets
 from collections.abc import Callable, Iterator

@@ -1,4 +1,4 @@
-"""What `lfpipe bench viewer --check` demands of each script."""
+"""The bounds of each script in `lfpipe bench viewer --check`."""
 
 import csv
 from pathlib import Path
@@ -20,7 +20,7 @@ smallest.
 
 
 def judged(row: Row, of: str = "") -> Row:
-    """The row with its figures compared with their bounds. of: what a row is, if no script."""
+    """The row with its metrics compared with their bounds. of: the kind of the row; "": script."""
     bounds = BOUNDS.get(f"{of} {row.name}" if of else row.name, {})
     values = {
         key: _judged(value, bounds[key], key in LEAST) if key in bounds else value
@@ -39,7 +39,7 @@ def _judged(value: Value, bound: float, least: bool) -> Value:
 
 
 def beyond(results: Results) -> list[str]:
-    """A line for each figure beyond its bound, with script, figure and bound."""
+    """A line for each metric beyond its bound, with script, metric and bound."""
     return [
         f"{row.name}: {column}: {value.text}"
         for _, row, column, value in results.judged()

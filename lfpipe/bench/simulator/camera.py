@@ -1,4 +1,4 @@
-"""The simulated camera: when it takes frames, how it stamps them, and what landmarks they give."""
+"""The simulated camera: times and stamps of its frames, and the landmarks in them."""
 
 import math
 from abc import ABC, abstractmethod
@@ -21,25 +21,25 @@ NOISE_PX = 0.3  # of live faces at 640x480, whose eyes are 60 px apart: 0.22 to 
 READ_MS = 5.0  # from a frame's exposure until it is read
 TRACKED_MS = 10.0  # from a frame's exposure to its eyes, with the read and the networks between
 T0_NS = 10**12  # when the simulation begins
-# A face at the border of the picture is measured wrongly at first, in eye distances:
-# the detector's region is cut off, that of its landmarks is not.
+# Initial error of a face at the border of the picture, in eye distances: the detector's region is
+# cut off, that of its landmarks is not.
 CUT_OFF = 0.27
-DOUBT = 26.0  # logits of confidence per share of a face that the picture cuts off
-TURNED = 20.0  # logits by which a region that is turned by quarters is less sure
+DOUBT = 26.0  # logits of confidence lost per share of a face that the picture cuts off
+TURNED = 20.0  # logits of confidence lost in a region rotated by quarter turns
 IMAGE = np.broadcast_to(np.uint8(0), (FRAME_PX[1], FRAME_PX[0], 3))
 
 
 @attrs.frozen(kw_only=True)
 class Camera:
-    """A camera and what goes wrong with it."""
+    """A camera and its faults."""
 
     rate_hz: float = 30.0
     jitter_ms: float = 0.0
-    """Standard deviation of the time between exposure and its place on the even grid."""
+    """Standard deviation of the exposure time from its even grid."""
     dropped: float = 0.0
     """Share of frames that are lost."""
     doubled: float = 0.0
-    """Share of frames that repeat the one before, with a stamp of their own."""
+    """Share of frames that repeat the previous one, with a stamp of their own."""
     every: tuple[int, ...] = (1,)
     """In equal parts of the time, the camera takes only every n-th frame."""
     stamp_noise_ms: float = 0.0
@@ -52,7 +52,7 @@ class Camera:
     """From a vblank of the screen to the first exposure, as a share of the frame interval."""
 
     def frames(self, seconds: float) -> list["Frame"]:
-        """The frames of a time, in the order of their arrival."""
+        """The frames of this many seconds, in order of arrival."""
         rng = np.random.default_rng(round(self.rate_hz))
         frames = []
         taken_ms = 0.0
@@ -88,23 +88,25 @@ class Camera:
 
 @attrs.frozen(kw_only=True)
 class Frame:
-    """A frame: what it shows is of `ms`, and its eyes are known at `tracked_ns`."""
+    """A frame."""
 
     seq: int
     ms: float
+    """Time of its content."""
     stamp_ns: int
     tracked_ns: int
+    """When its eyes are available."""
 
 
 class Observer(ABC):
-    """Whom the simulated camera sees, and the face engine that looks at its pictures."""
+    """The people in front of the simulated camera, and the face engine that tracks them."""
 
     def __init__(self, engine: Engine) -> None:
         self.engine = engine
 
     @abstractmethod
     def picture(self, frame: Frame) -> NDArray[np.uint8]:
-        """What the camera sees: uint8 (480, 640, 3) BGR."""
+        """The camera picture, uint8 (480, 640, 3) BGR."""
 
     def look(self, frame: Frame) -> tuple[Face | None, NDArray[np.uint8]]:
         """The face that the engine follows in a frame, and the picture."""
@@ -115,14 +117,15 @@ class Observer(ABC):
 
 
 class Seen(NamedTuple):
-    """A face in a frame. cut_off: the border of the picture hides a part of it."""
+    """A face in a frame."""
 
     face: Face
     cut_off: bool
+    """Whether the border of the picture hides a part of it."""
 
 
 class SyntheticNetworks:
-    """Networks that see the people of a script, with noise, in place of those of a face engine."""
+    """Synthetic networks of a face engine that return the people of a script, with noise."""
 
     model = "synthetic"
 
@@ -131,9 +134,9 @@ class SyntheticNetworks:
         frames = int(script.count_ms / 1e3 * camera.rate_hz) + 1
         size = frames, len(script.people), 2, 2
         self._noise = np.random.default_rng(30).normal(0.0, camera.noise_px, size)
-        self._own: Roi | None = None  # the region that the last landmarks gave
+        self._own: Roi | None = None  # the region from the last landmarks
         self.visible: list[Seen] = []
-        """All faces of the present frame."""
+        """All faces of the current frame."""
 
     def seen(self, frame: Frame) -> list[Seen]:
         """All faces of a frame."""
@@ -160,7 +163,7 @@ class SyntheticNetworks:
         return seen
 
     def detect(self, image: object, region: Roi | None = None) -> list[Detection]:
-        """A whole picture shows every face, a region none."""
+        """Every face in a whole picture; none in a region."""
         return [
             Detection(one.face.box_px, np.concatenate([one.face.eyes_px[::-1]] * 3), 0.9)
             for one in (self.visible if region is None else ())
@@ -189,14 +192,14 @@ class SyntheticNetworks:
 
 
 class SyntheticPeople(Observer):
-    """The people of a script before the engine in use, with synthetic networks."""
+    """The people of a script in front of the engine in use, with synthetic networks."""
 
     def __init__(self, script: Script, camera: Camera) -> None:
         self.networks = SyntheticNetworks(script, camera)
         super().__init__(LitertEngine(self.networks))
 
     def picture(self, frame: Frame) -> NDArray[np.uint8]:
-        """An empty picture: its faces replace what the networks would find."""
+        """An empty picture: the networks return the faces of the script."""
         self.networks.visible = self.networks.seen(frame)
         return IMAGE
 
@@ -206,7 +209,7 @@ def _is_turned(roi: Roi) -> bool:
 
 
 def _share_inside(box: Box) -> float:
-    """The share of a box that lies in the picture."""
+    """The share of a box inside the picture."""
     left, top, right, bottom = np.clip(box, 0, FRAME_PX * 2).tolist()
     x0, y0, x1, y1 = box
     return float((right - left) * (bottom - top) / ((x1 - x0) * (y1 - y0)))

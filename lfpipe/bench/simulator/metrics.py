@@ -1,4 +1,4 @@
-"""What a run gave, against the truth."""
+"""Metrics of a run against ground truth."""
 
 import time
 from collections.abc import Sequence
@@ -21,17 +21,17 @@ from lfpipe.scene.demo_drawing import Picture
 from lfpipe.transport.clock import MS_NS
 
 RIGHT_VIEWS = 0.25  # a picture closer than this to the right viewpoint is right
-RIGHT_MS = 200.0  # if it stays so for this time
+RIGHT_MS = 200.0  # if it stays right for this time
 NEAR_MS = 100.0  # true motion within this time of a step explains it: a picture may be late
-DEPTH = 0.9  # a smaller share of the right distance between the eyes is not full depth
-EVERY = 2  # of the pixels along both sides that are compared through the glasses
+DEPTH = 0.9  # share of the right eye distance from which on depth is full
+EVERY = 2  # pixels: spacing of the comparison through the glasses
 Float = NDArray[np.float64]
 DECODED = decoded(np.arange(256) / 255.0)  # linear light of code values
 
 
 def viewpoint_metrics(run: Run, truth: Truth, script: Script) -> Metrics:
-    """error_views (mean over the windows; p95, worst), step_cols and step_rows (largest step that
-    is not in the true motion), right_s (longest time from an event until the picture is right),
+    """error_views (mean over the windows; p95, worst), step_cols and step_rows (largest step
+    without true motion), right_s (longest time from an event until the picture is right),
     depth (share of time with full depth), lag_ms.
     """
     errors = []
@@ -54,7 +54,7 @@ def viewpoint_metrics(run: Run, truth: Truth, script: Script) -> Metrics:
         behind += float(((right - shown)[..., 1].mean(axis=1) * velocity).sum())
     every = np.concatenate(errors)
     steps = np.abs(np.diff(run.views, axis=0)).max(axis=1)  # (n - 1, 2)
-    # the depth that appears with the first face is a step that everybody wants
+    # the depth that appears with the first face is an intended step
     first = int(((run.ms >= script.steps_from_s * 1e3) & (_eye_distance(run.views) > 0)).argmax())
     beyond = (steps - _near(truth.motion(run.ms), run.ms))[first:].max(axis=0, initial=0.0)
     metrics = {
@@ -73,12 +73,12 @@ def viewpoint_metrics(run: Run, truth: Truth, script: Script) -> Metrics:
 
 
 def _eye_distance(views: Float) -> Float:
-    """Views between the eyes (n,) of viewpoints (n, 2, 2)."""
+    """Eye distance (n,) in views, of viewpoints (n, 2, 2)."""
     return np.asarray(views[:, 1, 1] - views[:, 0, 1])
 
 
 def _near(motion: Float, ms: Float) -> Float:
-    """The largest true motion within NEAR_MS of each."""
+    """The largest true motion within NEAR_MS of each time."""
     reach = max(round(NEAR_MS / float(np.median(np.diff(ms)))), 1)
     padded = np.pad(motion, ((reach, reach), (0, 0)), mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1, axis=0)
@@ -94,7 +94,7 @@ def _time_until_right(off: Float, ms: Float, event_ms: float) -> float:
 
 
 def samples(run: Run, script: Script, count: int) -> list[int]:
-    """Refreshes whose pictures are compared: the middles of equal parts of the windows."""
+    """The refreshes whose pictures are compared: the middles of equal parts of the windows."""
     known = np.flatnonzero(np.any([window.holds(run.ms) for window in script.windows], axis=0))
     places = (np.arange(count) + 0.5) * len(known) / count
     return [int(known[place]) for place in np.unique(places.astype(int))]
@@ -102,13 +102,14 @@ def samples(run: Run, script: Script, count: int) -> list[int]:
 
 @attrs.frozen(eq=False)
 class Errors:
-    """RMS errors (n, 2) of pictures for the left and the right eye: in levels before the anaglyph,
-    and in L* through the glasses. cpu_ms: thread CPU of drawing one, median.
-    """
+    """RMS errors (n, 2) of pictures for the left and the right eye."""
 
     levels: Float
+    """In levels, before the anaglyph."""
     seen: Float
+    """In L*, through the glasses."""
     cpu_ms: float
+    """Median thread CPU time of drawing one picture."""
 
 
 class Pictures:
@@ -118,7 +119,7 @@ class Pictures:
         self._scene = setup.scene
         render = setup.config.render
         self._compositor = Compositor(self._scene.field, render)
-        # a view for each eye, in its own colours
+        # one view per eye, in its own colours
         whole = attrs.evolve(render, anaglyph="row-interleaved")
         self._pairs = Compositor(self._scene.field, whole)
 
@@ -190,9 +191,7 @@ def _rms(a: NDArray[Any], b: NDArray[Any]) -> float:
 
 
 def evenness(run: Run, screen: Screen, video_hz: float) -> float:
-    """Share of vblanks at which a video of this rate shows another frame than planned: at each
-    vblank the frame whose time it is.
-    """
+    """Share of vblanks at which a video of this rate shows another frame than the one due."""
     settled = len(run.ms) // 2
     targets_ns = run.targets_ns[settled:]
     vblanks_ns = targets_ns[0] + np.rint((run.ms[settled:] - run.ms[settled]) * MS_NS).astype(int)

@@ -1,4 +1,4 @@
-"""A script through the product, and through what it is compared with."""
+"""Runs a script through the product and through the paper's loop."""
 
 import time
 from collections import deque
@@ -48,7 +48,7 @@ class Setup:
 
     @property
     def config(self) -> Config:
-        """The configuration of a session before this screen."""
+        """The configuration of a session with this screen."""
         render = Render(
             device_latency_ms=self.screen.device_latency_ms,
             method=self.method,  # type: ignore[arg-type]
@@ -57,7 +57,7 @@ class Setup:
         return Config(track=self.track or Track(), render=render)
 
     def watch(self, script: Script) -> "Run":
-        """What is on the screen for a script."""
+        """The pictures on the screen for a script."""
         if self.track is None:
             return plain_loop(self, script)
         return watch(self, SyntheticPeople(script, self.camera), script.count_ms / 1e3)
@@ -65,22 +65,22 @@ class Setup:
 
 @attrs.frozen(eq=False, kw_only=True)
 class Run:
-    """What was on the screen: an entry per refresh, at the middle of its display time."""
+    """The pictures on the screen: an entry per refresh, at the middle of its display time."""
 
     ms: Float
-    """(n,) of the display time, since the beginning."""
+    """(n,): display time since the start."""
     views: Float
     """(n, 2, 2): (row, col) of the left eye and of the right one."""
     keys: list[Key]
     targets_ns: list[int]
-    """The vblanks that the pictures were made for."""
+    """The vblanks that the pictures were rendered for."""
     cpu_ms: Float
-    """Thread CPU of each choice of eyes, moment and viewpoint."""
+    """Thread CPU time of each choice of eyes, display time and viewpoint."""
     late: float = 0.0
     """Share of pictures that missed their vblank."""
 
     def key_at(self, ms: float) -> Key:
-        """The key of the picture that is seen at ms."""
+        """The key of the picture on the screen at ms."""
         return self.keys[max(int(np.searchsorted(self.ms, ms, side="right")) - 1, 0)]
 
 
@@ -94,7 +94,7 @@ class Shown(NamedTuple):
 
 
 def watch(setup: Setup, observer: Observer, seconds: float) -> Run:
-    """The product's pictures for what an observer sees."""
+    """The product's pictures for an observer."""
     screen = setup.screen
     config = setup.config
     device_latency_ns = round(screen.device_latency_ms * MS_NS)
@@ -159,7 +159,7 @@ def plain_loop(setup: Setup, script: Script) -> Run:
 
 
 def _on_screen(shown: list[Shown], screen: Screen, cpu_ms: Float, late: float = 0.0) -> Run:
-    """What is on the screen at every vblank: the newest picture submitted for it or before."""
+    """The picture on the screen at every vblank: the newest one submitted for it or before."""
     at = np.array([one.vblank for one in shown])
     vblanks = np.arange(at[0], at[-1] + 1)
     newest = np.searchsorted(at, vblanks, side="right") - 1
@@ -176,11 +176,11 @@ def _on_screen(shown: list[Shown], screen: Screen, cpu_ms: Float, late: float = 
 def viewpoints(
     eyes_px: Float, alpha_px: Float | float, centre_px: tuple[float, float], grid: tuple[int, int]
 ) -> Float:
-    """The (row, col) that each eye looks from, (..., 2, 2), with one row for both, as if the grid
-    had no edge.
+    """The viewpoint (row, col) of each eye, (..., 2, 2), with one row for both, in an unbounded
+    grid.
 
     eyes_px: (..., 2, 2). alpha_px: px of the camera picture per view, (..., 1) or one. centre_px:
-    the eyes that look from the middle of the grid, rows x cols.
+    the eyes whose viewpoint is the middle of the grid, rows x cols.
     """
     middle_y = eyes_px[..., 1].mean(axis=-1, keepdims=True)
     rows = (grid[0] - 1) / 2 + (middle_y - centre_px[1]) / alpha_px
@@ -189,7 +189,7 @@ def viewpoints(
 
 
 class Truth:
-    """The right viewpoints of a script before a scene: of the true eyes, by the formula of
+    """The right viewpoints of a script for a scene: those of the true eyes, by the formula of
     `lfpipe.render.synthesis.viewpoint`, with the alpha for the true distance.
     """
 
@@ -203,7 +203,7 @@ class Truth:
         ]
 
     def alpha_px(self, eye_distance_px: Float | float) -> Float:
-        """px of the camera picture per view, for eyes at this distance from each other."""
+        """px of the camera picture per view, for this eye distance."""
         return np.asarray(np.interp(eye_distance_px, EYE_DISTANCES_PX, self._alphas_px))
 
     def views(self, ms: Float, window: Window) -> Float:
@@ -213,7 +213,7 @@ class Truth:
         eyes = self._script.people[window.person].eyes_px(np.rint(ms).astype(np.int64))
         alpha_px = self.alpha_px(np.hypot(*(eyes[:, 0] - eyes[:, 1]).T))[:, None]
         centre_px = window.rest.x_px, window.rest.y_px
-        if self._render.alpha_px != "auto":  # the grid is fixed to the camera
+        if self._render.alpha_px != "auto":  # the grid is fixed relative to the camera
             centre_px = IMAGE.shape[1] / 2, IMAGE.shape[0] / 2
         views = viewpoints(eyes, alpha_px, centre_px, (rows, cols))
         reach = self._render.extrapolate_views

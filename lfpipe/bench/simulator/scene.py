@@ -24,7 +24,7 @@ Colour = tuple[int, int, int]
 
 @attrs.frozen(eq=False, kw_only=True)
 class SimulatedScene:
-    """A scene whose picture from any viewpoint is known."""
+    """A scene with an exact picture from any viewpoint."""
 
     name: str
     solids: tuple[Solid, ...]
@@ -42,7 +42,7 @@ class SimulatedScene:
 
     def picture(self, position: Position) -> Picture:
         """The exact picture from (row, col), uint8 (SIDE_PX, SIDE_PX, 3) BGR, with the zero plane
-        in the screen.
+        at the screen.
         """
         u = position[1] - (self.cols - 1) / 2
         v = position[0] - (self.rows - 1) / 2
@@ -50,7 +50,7 @@ class SimulatedScene:
 
     @cached_property
     def field(self) -> LightField:
-        """The light field of its views and their exact disparities."""
+        """The light field of its views, with exact disparities."""
         rows = self.rows
         cols = self.cols
         views = np.empty((1, rows, cols, 3, SIDE_PX, SIDE_PX), np.uint8)
@@ -90,7 +90,7 @@ def moved(solid: Solid, d: float) -> Solid:
 
 
 def scaled(solid: Solid, share: float) -> Solid:
-    """The solid at another size of the views, with a texture of as many texels to a px."""
+    """The solid for views of another size, with the same number of texels per px."""
     size = [max(round(length * share), 1) for length in solid.texture.shape[1::-1]]
     texture = np.asarray(cv2.resize(solid.texture, size, interpolation=cv2.INTER_AREA), np.uint8)
     if isinstance(solid, Quad):
@@ -117,7 +117,7 @@ def _wall(rng: np.random.Generator, margin: float, d: float, grain: float, contr
 
 
 def _wide() -> tuple[Solid, ...]:
-    """Thin posts and leaves up to 40 px between views before a wall."""
+    """Thin posts and leaves in front of a wall, with up to 40 px between views."""
     rng = np.random.default_rng(4)
     solids: list[Solid] = [_wall(rng, 40.0, -12.0, 24.0, 0.25)]
     card = textures.marble(rng, 180, 160)

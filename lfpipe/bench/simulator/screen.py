@@ -1,4 +1,4 @@
-"""The simulated screen: vblanks at an even rate, which the product's own clock finds and meets."""
+"""The simulated screen: vblanks at an even rate, which the product's own clock must track."""
 
 import math
 
@@ -11,7 +11,7 @@ from lfpipe.transport.clock import MS_NS
 
 COST_SPREAD = 0.2  # standard deviation of the logarithm of a picture's cost
 WAKE_MS = 0.1  # lateness of wake-ups on a quiet machine
-SLOW_MS = 5.0  # the same of a late one on a busy machine
+SLOW_MS = 5.0  # lateness of slow wake-ups on a busy machine
 
 
 @attrs.frozen(kw_only=True)
@@ -33,13 +33,13 @@ class Screen:
         return 1e9 / self.rate_hz
 
     def vblank_ns(self, vblank: int) -> int:
-        """The time of a vblank, counted from the beginning."""
+        """The time of a vblank, counted from the start."""
         return round(T0_NS + vblank * self.period_ns)
 
 
 class PacedScreen:
-    """Runs `ScreenRefresh` against a screen: `begin` returns when a picture is begun, and `hand`
-    at which vblank it appears.
+    """Runs `ScreenRefresh` against a screen: `begin` returns the start time of a picture, `submit`
+    the vblank at which it appears.
     """
 
     def __init__(self, screen: Screen) -> None:
@@ -52,7 +52,7 @@ class PacedScreen:
         self.missed = 0
 
     def begin(self) -> tuple[int, int]:
-        """(when the next picture is begun, the vblank's time that it is due at), ns."""
+        """(start time of the next picture, time of the vblank that it is due at), ns."""
         refresh = self.refresh
         random = self._random
         due_ns = refresh.due_ns()
@@ -63,7 +63,7 @@ class PacedScreen:
         return round(begin_ns + late_ms * MS_NS), due_ns
 
     def submit(self, begun_ns: int, due_ns: int, composed: bool) -> int:
-        """Submits the picture; returns the vblank that shows it, counted from the beginning."""
+        """Submits the picture; returns the vblank that shows it, counted from the start."""
         refresh = self.refresh
         screen = self._screen
         cost_ns = round(self._cost_ms * MS_NS) * composed

@@ -1,8 +1,9 @@
-"""Scripted viewers: where both eyes of each person are at every millisecond, and what is right.
+"""Scripted viewers: positions of the eyes of each person at every millisecond, and windows with a
+known correct picture.
 
-Lengths are px of a camera picture of 640x480, in which the eyes of somebody at 0.63 m are 60 px
-apart; 950 px/s are then 1 m/s. Moves follow the minimum-jerk profile of human movements (Flash and
-Hogan 1985), unless they are even.
+Lengths are px of a camera picture of 640x480, in which the eye distance of a person at 0.63 m is
+60 px; 950 px/s are then 1 m/s. Moves follow the minimum-jerk profile of human movements (Flash and
+Hogan 1985), unless they have constant speed.
 """
 
 import math
@@ -18,27 +19,28 @@ from lfpipe.render.viewer.presence import Rest
 
 Float = NDArray[np.float64]
 FRAME_PX = (640, 480)
-SEAT = (320.0, 240.0, 60.0)  # x and y between the eyes, and their distance
-SUREST = 20.0  # logit of the confidence in a face that nothing hides
+SEAT = (320.0, 240.0, 60.0)  # x and y of the midpoint of the eyes, and the eye distance
+SUREST = 20.0  # logit of the confidence in an unoccluded face
 Place = tuple[float, float, float]
 
 
 def minimum_jerk(share: Float) -> Float:
-    """Shares of the way at shares of the time, both 0 to 1. The largest slope is 1.875."""
+    """Shares of the distance at shares of the time, both 0 to 1. The largest slope is 1.875."""
     return share**3 * (10 + share * (-15 + 6 * share))
 
 
 @attrs.frozen(eq=False, kw_only=True)
 class Person:
-    """path_px: float (n, 3), x and y between the eyes, and their distance, at each ms."""
+    """A person in front of the camera."""
 
     path_px: Float
+    """float (n, 3): x and y of the midpoint of the eyes, and the eye distance, at each ms."""
     logit: Float
-    """(n,) of the confidence of the landmarks; negative: no face can be found."""
+    """(n,): confidence of the landmarks; negative: no face can be found."""
     still: bool = False
-    """A portrait: nothing moves, and there is no sensor noise in its place."""
+    """Whether it is a portrait: without motion and sensor noise."""
     roll_deg: Float | None = None
-    """(n,) of the head, about the point between the eyes; None: upright."""
+    """(n,): roll of the head about the midpoint of the eyes; None: upright."""
 
     def eyes_px(self, ms: NDArray[np.int64] | int) -> Float:
         """The true eyes (..., 2, 2), left first, at these ms."""
@@ -53,23 +55,23 @@ class Person:
 
 @attrs.frozen(kw_only=True)
 class Window:
-    """Interval with a known correct picture: the eyes of a person, from this rest position."""
+    """Interval with a known correct picture, for the eyes of a person with this rest position."""
 
     from_s: float
     to_s: float
     rest: Rest
     person: int = 0
     event: bool = False
-    """It begins with an event, from which the time until the picture is right counts."""
+    """Whether it starts with an event; the time until the picture is right counts from there."""
 
     def holds(self, ms: Float) -> NDArray[np.bool_]:
-        """Which of these moments lie in it."""
+        """Which of these times are in it."""
         return np.asarray((ms >= self.from_s * 1e3) & (ms < self.to_s * 1e3))
 
 
 @attrs.frozen(kw_only=True)
 class Glitch:
-    """Landmarks that are wrong in some frames, by shares of the distance between the eyes."""
+    """Landmarks that are wrong in some frames, by shares of the eye distance."""
 
     at_s: float
     left: float
@@ -84,18 +86,18 @@ class Script:
     name: str
     people: tuple[Person, ...]
     windows: tuple[Window, ...]
-    """Rising; errors count in them."""
+    """In order of time; errors count in them."""
     glitches: tuple[Glitch, ...] = ()
     steps_from_s: float = 1.0
-    """Steps count from here on: by default, after depth has appeared with the first face."""
+    """Steps count from this time on: by default, after depth has appeared with the first face."""
 
     @property
     def count_ms(self) -> int:
         return len(self.people[0].path_px)
 
     def wrong(self, ms: float) -> Float:
-        """What glitches add at ms to the x of the first person's left and right eye, in distances
-        between the eyes.
+        """The offsets by glitches at ms, in x of the first person's left and right eye, in eye
+        distances.
         """
         total = np.zeros(2)
         for one in self.glitches:
@@ -106,12 +108,13 @@ class Script:
 
 @attrs.frozen
 class Move:
-    """A move that ends at a place. even: at constant speed."""
+    """A move to a place."""
 
     from_s: float
     to_s: float
     place: Place
     even: bool = False
+    """Whether it has constant speed."""
 
 
 def path(seconds: float, start: Place, *moves: Move) -> Float:
@@ -132,8 +135,8 @@ def swayed(
     from_s: float = 2.0,
     to_s: float = math.inf,
 ) -> Float:
-    """A path with a sway that grows from from_s on and has ended at to_s. up: its height as a share
-    of its width.
+    """A path with a sway that grows from from_s on and ends at to_s. up: its height as a share of
+    its width.
     """
     t_s = np.arange(len(places)) / 1000
     since_s = np.maximum(t_s - from_s, 0.0)
@@ -149,7 +152,7 @@ def person(
     still: bool = False,
     roll_deg: Float | None = None,
 ) -> Person:
-    """A person on a path. dips: (from_s, to_s, logit) of times of other confidence."""
+    """A person on a path. dips: (from_s, to_s, logit) of intervals with another confidence."""
     logit = np.full(len(places), SUREST)
     for from_s, to_s, value in dips:
         logit[round(from_s * 1000) : round(to_s * 1000)] = value
@@ -161,32 +164,32 @@ def _at(x: float, y: float = 240.0, eye_distance: float = 60.0) -> Place:
 
 
 SEATED = Rest(*SEAT)
-SETTLED_S = 2.0  # after somebody sat down: the rest is measured, and the neutral position eased
+SETTLED_S = 2.0  # after sitting down: the rest is measured, and the neutral position has eased in
 HIDDEN = -9.0  # logit of a face that cannot be found
-COVERED = 5.0  # the same with a hand before an eye
+COVERED = 5.0  # logit of a face with a hand in front of an eye
 OUT_RIGHT = _at(730.0)
 OUT_LEFT = _at(-90.0)
 
 
 def settled(to_s: float, from_s: float = SETTLED_S, rest: Rest = SEATED) -> Window:
-    """The time in which somebody has settled, by default the viewer at SEAT."""
+    """The window in which a person has settled, by default the viewer at SEAT."""
     return Window(from_s=from_s, to_s=to_s, rest=rest)
 
 
 def after(event_s: float, to_s: float, rest: Rest = SEATED, person: int = 0) -> Window:
-    """The time after an event."""
+    """The window after an event."""
     return Window(from_s=event_s, to_s=to_s, rest=rest, person=person, event=True)
 
 
 def seated(name: str, places: Float, *glitches: Glitch, event_s: float = 0.0) -> Script:
-    """A viewer who sits down at SEAT and stays near it. event_s: when something happens to them."""
+    """A viewer who sits down at SEAT and stays near it. event_s: time of an event."""
     seconds = len(places) / 1000
     windows = [settled(event_s or seconds)] + [after(event_s, seconds)] * (event_s > 0)
     return Script(name=name, people=(person(places),), windows=tuple(windows), glitches=glitches)
 
 
 def _leaves(away_s: float) -> Script:
-    """Leaves through the right side, and comes back elsewhere from the left."""
+    """A viewer who leaves through the right side, and comes back elsewhere from the left."""
     goal = _at(190.0)
     leaving = path(3.2, SEAT, Move(2.2, 3.2, OUT_RIGHT))
     back = path(5.0, OUT_LEFT, Move(0.0, 1.0, goal))
@@ -221,9 +224,9 @@ SCRIPTS = (
     seated("sways at 2 Hz", swayed(path(6.0, SEAT), 25.0, 2.0)),
     seated("steps", path(8.5, SEAT, *_steps(6, 2.0))),
     seated("shakes", swayed(path(5.0, SEAT), 18.0, 3.5, up=0.0)),
-    # as the fastest real head that was measured: 17 eye distances per second
+    # like the fastest measured head: 17 eye distances per second
     seated("shakes fast", swayed(path(5.0, SEAT), 40.0, 4.0, up=0.0)),
-    # out of the zone and back, with as long a stay as is no new seat
+    # out of the zone and back, with the longest stay that is not a new seat
     seated(
         "leans out",
         path(6.0, SEAT, Move(2.5, 3.3, _at(470.0)), Move(3.6, 4.4, SEAT)),
@@ -234,7 +237,7 @@ SCRIPTS = (
         "leans in",
         path(7.5, SEAT, Move(2.5, 3.5, _at(320.0, eye_distance=85.0)), Move(4.5, 5.5, SEAT)),
     ),
-    # out of the zone and back after a stay that is as long as that in a new seat
+    # out of the zone and back, after a stay long enough for a new seat
     Script(
         name="leans out for 2 s",
         people=(person(path(10.0, SEAT, Move(2.5, 3.3, _at(470.0)), Move(5.3, 6.1, SEAT))),),
@@ -287,7 +290,7 @@ SCRIPTS = (
         people=(person(path(8.0, SEAT, Move(2.2, 3.0, _at(640.0)), Move(3.6, 4.6, SEAT))),),
         windows=(settled(2.4), after(4.6, 8.0)),
     ),
-    # the viewer leans out of the zone and hides; the tracker follows another, who stood behind
+    # the viewer leans out of the zone and hides; the tracker follows a person behind
     Script(
         name="another takes over",
         people=(
@@ -335,7 +338,7 @@ SCRIPTS = (
     _glitch("one eye wrong by .28", 0.28, 0.0),
     _glitch("the right eye wrong by .28", 0.0, 0.28),
     _glitch("two frames wrong by .58", 0.58, 0.58, 2),
-    # it covers the left eye and pulls its landmarks, first of a still head and then of a moving one
+    # it covers the left eye and pulls its landmarks, first with a still and then with a moving head
     Script(
         name="a hand before an eye",
         people=(
@@ -351,7 +354,7 @@ SCRIPTS = (
             Glitch(at_s=5.2, left=0.25, right=0.05, frames=30),
         ),
     ),
-    # somebody nearer than the viewer, whom they cover for a moment
+    # a person nearer than the viewer, who briefly hides the viewer
     Script(
         name="a nearer passer-by",
         people=(
@@ -366,7 +369,7 @@ SCRIPTS = (
         ),
         windows=(settled(3.8), after(4.2, 8.0)),
     ),
-    # a neighbour who is as near as the viewer stays; somebody passes behind
+    # a neighbour at the viewer's distance stays; another person passes behind
     Script(
         name="two people and a passer-by",
         people=(

@@ -10,14 +10,14 @@ from lfpipe.errors import UserError
 
 COLUMNS = "t_s,face,left_x,left_y,right_x,right_y"
 SMOOTH_MS = 25.0  # standard deviation of the kernel that separates motion from landmark noise
-EYE_DISTANCE_S = 1.0  # the same for the distance between the eyes, which a turning head changes
+EYE_DISTANCE_S = 1.0  # the same for the eye distance, which a turning head changes
 EYE_DISTANCE_PX = 60.0  # of the simulated viewer, to which every track is scaled
 REMEDY = f"give a table with the columns {COLUMNS}"
 
 
 def read_track(path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """The path (n, 3) of a track at each ms, about (0, 0): x and y between the eyes, and their
-    distance, scaled so that its median is EYE_DISTANCE_PX; and where there is a face, (n,).
+    """The path (n, 3) of a track at each ms, about (0, 0): x and y of the midpoint of the eyes, and
+    the eye distance, scaled to a median of EYE_DISTANCE_PX; and whether there is a face, (n,).
 
     Raises UserError if the table cannot be read.
     """
@@ -55,7 +55,7 @@ def read_table(path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDAr
 
 
 def _smoothed(values: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
-    """Without a delay: a symmetric kernel."""
+    """Smooths with a symmetric kernel, without delay."""
     column = cv2.GaussianBlur(
         values.reshape(-1, 1), (1, 0), sigmaX=0.01, sigmaY=sigma, borderType=cv2.BORDER_REPLICATE
     )

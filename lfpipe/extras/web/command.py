@@ -9,7 +9,7 @@ from lfpipe.cli.terminal import print_result
 
 
 def monitor(proceed: Callable[..., Any], *, web: str | None, **values: Any) -> Any:
-    """Serves the page in place of the terminal's monitor."""
+    """Serves the page instead of running the terminal monitor."""
     if web is None:
         return proceed(**values)
     if values["once"] or values["as_json"]:

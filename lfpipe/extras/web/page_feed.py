@@ -1,8 +1,7 @@
 """The data of the page: samples of a session's state and pictures, one sampler for any number of
 viewers.
 
-It attaches to the status table, two picture rings and the tap while the page has viewers, and
-releases everything without.
+It attaches to the status table, two picture rings and the tap only while the page has viewers.
 """
 
 import asyncio
@@ -29,9 +28,9 @@ from lfpipe.transport import control, ring
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.session import Session
 
-PERIOD_S = 0.25  # four times a second, as the terminal
+PERIOD_S = 0.25  # four times a second, as in the terminal
 COMMAND_S, LOAD_S = 2.0, 20.0  # timeouts of answers; packing a scene may take longer
-LEASE_S = 5.0  # of the ring of pictures: it goes soon after the last viewer
+LEASE_S = 5.0  # of the ring of pictures: it is removed soon after the last viewer leaves
 PICTURES = {"camera": 320, "picture": 1024}  # px of the longer side on the page
 # full chroma resolution: the chroma of an anaglyph separates the eyes
 FULL_CHROMA = (
@@ -47,7 +46,7 @@ log = logging.getLogger(__name__)
 
 
 def metrics_of(state: Sample) -> dict[str, Any]:
-    """The state for the page, without the options, which not every viewer may see.
+    """The state for the page, without the options, which are not for every viewer.
 
     Adds `depth_px`: smallest and largest zero plane to offer, and step; `playlist`: names of
     scenes; `playlist_at`.
@@ -72,8 +71,8 @@ def metrics_of(state: Sample) -> dict[str, Any]:
 
 
 def place_px(look: Mapping[str, Any], row: float, col: float) -> tuple[float, float]:
-    """The position of an eye that sees the view, in px of the camera picture: the inverse of
-    `ViewSolver.views`. look: render's message of that topic.
+    """The eye position for a view, in px of the camera picture: the inverse of `ViewSolver.views`.
+    look: render's message of that topic.
     """
     rows, cols = look["grid"]
     x, y = look["centre_px"]
@@ -86,7 +85,7 @@ def draw_over_eyes(picture: NDArray[np.uint8], look: Mapping[str, Any], scale: f
     the left eye red, the right cyan. look: render's message of that topic.
     """
     alpha_px = look["alpha_px"]
-    if not alpha_px:  # nobody was seen yet
+    if not alpha_px:  # before the first face
         return
     radius = min(max(alpha_px * scale / 8, 0.8), 4.0)
     rows, cols = look["grid"]
@@ -152,7 +151,7 @@ class Pictures:
     def _reader(self, which: str) -> ring.Reader:
         """The ring of pictures.
 
-        It changes with the size, and the one of the screen is leased again and again.
+        It changes with the size; the lease of the screen's ring must be renewed.
         """
         if which == "picture" and now_ns() > self._lease_end_ns - LEASE_S / 2 * SECOND_NS:
             self._lent = str(
@@ -202,7 +201,7 @@ class Feed:
         self._ended = False
 
     async def events(self, with_camera: bool) -> AsyncGenerator[bytes]:
-        """Yields the newest sample as server-sent events until the feed ends: figures as JSON,
+        """Yields the newest sample as server-sent events until the feed ends: metrics as JSON,
         pictures as JPEG in base64. with_camera: whether to include the camera's picture.
         """
         self.viewers += 1
@@ -251,7 +250,7 @@ class Feed:
         self._sampler = None
 
     def _sample(self) -> tuple[bytes, bytes]:
-        """Events for everybody, and that of the camera's picture."""
+        """The events for all viewers, and that of the camera's picture."""
         try:
             state = self._follower.read()
             watch = self._follower.watch

@@ -1,5 +1,5 @@
 """The page of `lfpipe monitor --web`: charts, pictures and controls for holders of the token.
-Holders of the other token can only watch, and do not see the camera's picture.
+Holders of the other token have view-only access, without the camera's picture.
 
 Its requests need a token and must come from its own page: any local user reaches 127.0.0.1.
 Tornado serves them in one thread, with limits on time, sizes and connections, so that clients
@@ -40,14 +40,13 @@ KINDS = {
 }
 COMMANDS = ("set", "pause", "resume", "recentre", "load", "reset")
 COMMAND_FORM = f"send a JSON map with cmd, one of {', '.join(COMMANDS)}"
-# Limits: far above the needs of a classroom of browsers, far below
-# what hurts a session.
-# for the headers of a request, for its body, between two requests, and to take an answer or a piece
-# of a stream
+# Limits: far above the needs of a classroom of browsers, far below a load that disturbs a session.
+# for the headers of a request, for its body, between two requests, and to receive an answer or a
+# part of a stream
 TIMEOUT_S = 10.0
 MAX_COMMAND_BYTES = 4 << 10
-MAX_STREAMS, MAX_WATCHERS = 32, 30  # a class leaves room for its teacher
-MAX_STRANGERS = 64  # connections not yet admitted; one more closes the oldest of them
+MAX_STREAMS, MAX_WATCHERS = 32, 30  # two streams are reserved for a teacher
+MAX_STRANGERS = 64  # connections not yet admitted; one more closes the oldest one
 NO_TOKEN = (
     "the token is missing or wrong: open the address that `lfpipe monitor --web` printed; it ends"
     " in /?token=..."
@@ -114,24 +113,24 @@ def named(host_header: str, bound: str) -> bool:
 
 @attrs.frozen(kw_only=True)
 class Site:
-    """What all handlers share. host, port: where the server is bound. token: 256 random bits.
-    watch_token: as many, for those who only watch.
-
-    path: of the cookie that keeps the token. Browsers send a cookie to every port of a host, so
-    also to servers of other users on this machine; the path is random, and no other server has an
-    address below it.
-    """
+    """The common data of all handlers."""
 
     host: str
+    """Address that the server is bound to."""
     port: int
     feed: Feed
     token: str = attrs.field(factory=lambda: secrets.token_urlsafe(32))
+    """256 random bits."""
     watch_token: str = attrs.field(factory=lambda: secrets.token_urlsafe(32))
+    """256 random bits, for view-only access."""
     path: str = attrs.field(factory=lambda: f"/{secrets.token_urlsafe(16)}/")
+    """Path of the cookie that stores the token. Browsers send a cookie to every port of a host, so
+    also to servers of other users on this machine; the path is random, and no other server has an
+    address below it."""
 
     @property
     def cookie(self) -> str:
-        """Name of the cookie: two servers on one host each have their own."""
+        """Name of the cookie, different for each server on one host."""
         return f"lfpipe-{self.port}"
 
     def opened_by(self, offered: Iterable[str]) -> str:
@@ -161,7 +160,7 @@ class Server(HTTPServer):
         )
 
     def admit(self, stream: Any) -> None:
-        """The connection is no longer a stranger's."""
+        """Marks a connection as admitted."""
         self._admitted[stream] = True
 
     def start_request(self, server_conn: Any, request_conn: HTTPConnection) -> HTTPMessageDelegate:
@@ -220,7 +219,7 @@ class Handler(RequestHandler):
         self.settings["admit"](self.stream)
 
     def write_error(self, status_code: int, **kwargs: Any) -> None:
-        """{"ok": false, "error": why}."""
+        """Answers with {"ok": false, "error": reason}."""
         error = kwargs.get("exc_info", (None, None, None))[1]
         why = error.log_message if isinstance(error, HTTPError) else None
         self.finish({"ok": False, "error": why or HTTPStatus(status_code).phrase.lower()})
@@ -233,9 +232,9 @@ class Handler(RequestHandler):
             log.error("%s %s", self.request.method, self.request.path, exc_info=error)
 
     async def sent(self, sending: Awaitable[None]) -> bool:
-        """Waits until the client has taken what is sent.
+        """Waits until the client has received the data.
 
-        Closes the connection of one that does not, and returns False.
+        Closes the connection of a client that does not, and returns False.
         """
         try:
             await asyncio.wait_for(sending, TIMEOUT_S)
@@ -254,14 +253,14 @@ class Unknown(Handler):
 
 
 class File(Handler):
-    """A file of the page, from memory; without a name the page itself."""
+    """A file of the page, from memory; without a name, the page itself."""
 
     async def get(self, name: str = "index.html") -> None:
-        """Sends it. If the address contains the token, also sets the cookie; the page then hides
-        the token.
+        """Sends the file. If the address contains the token, also sets the cookie; the page then
+        hides the token.
 
         This is not a redirect: browsers do not send a SameSite=Strict cookie on a redirect that
-        began at a link elsewhere.
+        started from a link on another site.
         """
         if name not in self.settings["files"]:
             raise HTTPError(HTTPStatus.NOT_FOUND, "no such page")
@@ -279,7 +278,7 @@ class File(Handler):
 
 
 class Events(Handler):
-    """Figures and pictures as server-sent events."""
+    """Metrics and pictures as server-sent events."""
 
     async def get(self) -> None:
         """Sends the newest until the viewer leaves or reads too slowly."""
@@ -302,7 +301,7 @@ class Commands(Handler):
     async def post(self) -> None:
         """Passes a command on and sends the session's answer."""
         if self.only_watches:
-            raise HTTPError(HTTPStatus.FORBIDDEN, "this address is for watching only")
+            raise HTTPError(HTTPStatus.FORBIDDEN, "this address is view-only")
         if len(self.request.body) > MAX_COMMAND_BYTES:
             raise HTTPError(
                 HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"at most {MAX_COMMAND_BYTES} bytes"
@@ -359,7 +358,7 @@ def serve(name: str, address: str, tell: Callable[[str], None]) -> None:
     cv2.setNumThreads(1)  # the session's stages need the cores
     url = url_of(site.host, site.port)
     tell(f"session {name!r} on {url}/?token={site.token} (Ctrl-C ends)")
-    tell(f"for watching only, without the camera's picture: {url}/?token={site.watch_token}")
+    tell(f"view-only, without the camera's picture: {url}/?token={site.watch_token}")
 
     async def serving() -> None:
         server = Server(app)

@@ -203,7 +203,7 @@ class ScreenRefresh(Refresh):
         self._cost_ns = 0
         self._last_cost_ns = 0
         self._punctual = 0  # pictures since the last late one
-        self._since_stall = SOON  # pictures since one was handed over a period too late
+        self._since_stall = SOON  # pictures since one was submitted a period too late
         self._step_ns = MIN_STEP_NS
         self._has_vblanks = True
         self._estimator = GridEstimator()

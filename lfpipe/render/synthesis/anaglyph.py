@@ -1,5 +1,5 @@
-"""Two eyes' views in one picture, whatever the glasses: a projection of each eye to planes, then a
-mixing of planes.
+"""Two views in one picture, for any glasses: each view is projected to planes, then the planes are
+mixed.
 
 Every method of the form `M_left @ left + M_right @ right` becomes
 
@@ -8,15 +8,15 @@ Every method of the form `M_left @ left + M_right @ right` becomes
 
 w sums to 1, so a plane of a grey view is that grey; the gains sum to 1, so grey stays grey. The
 planes are built once per stored view and can be warped like any picture. Mixing is a function
-of two bytes, so one table of 65536 entries holds it, for linear light, code values and any ghost
+of two bytes, so one table of 65536 entries suffices for linear light, code values and any ghost
 compensation. Planes are clipped and rounded to bytes before: against one float64 matrix, saturated
 random colours deviate by up to 13 (Dubois), 40 (green/magenta) and 41 (amber/blue) levels in linear
 light, photographs by 4 to 6. Methods without cross terms need no mixing: their picture is one merge
 of three planes.
 
 The cross rows of the red/cyan Dubois matrix are multiples of the other eye's own rows, to 0.004 per
-coefficient, so three planes carry the whole method. Where that does not hold (amber/blue, parts of
-green/magenta), the cross row is a separate plane.
+coefficient, so three planes suffice. Otherwise (amber/blue, parts of green/magenta), the cross row
+is a separate plane.
 
 Matrices: FFmpeg vf_stereo3d (colour, grey, half-colour), Wimmer, Dubois 2001 (red/cyan) and Dubois
 2009 (the others). Wimmer's omits the gamma of 1.5 on red that some copies have. With it, grey
@@ -72,7 +72,7 @@ MATRICES: dict[
 # from measured spectra (`bench.glasses.GLASS`).
 _RED_CYAN = ((0.0922, 0.0135, 0.0001), (0.0009, 0.2381, 0.0658))
 _GREEN_MAGENTA = ((0.0006, 0.1266, 0.0170), (0.1174, 0.0153, 0.0043))
-MIN_LEAK = 0.01  # a smaller leak is invisible: the right glass of red/cyan lets 0.4 % through
+MIN_LEAK = 0.01  # a smaller leak is invisible: the right filter of red/cyan transmits 0.4 %
 LEAKS = {name: _RED_CYAN for name in ("colour", "grey", "half-colour", "wimmer", "dubois")}
 LEAKS["dubois-green-magenta"] = _GREEN_MAGENTA
 WIDE_LUT = int(cv2.__version__.split(".")[0]) >= 5  # cv2.LUT takes 16-bit indices
@@ -80,15 +80,15 @@ SHARED_TOLERANCE = 0.015  # a cross row this close to a multiple of an own row u
 
 
 class Plane(NamedTuple):
-    """One plane to be had from one eye's view."""
+    """A plane computed from one eye's view."""
 
     eye: int  # 0 left, 1 right
-    weights: Weights  # on its red, green and blue; they sum to 1
-    linear: bool  # whether they weigh linear light, or code values
+    weights: Weights  # of its red, green and blue; they sum to 1
+    linear: bool  # whether they apply to linear light instead of code values
 
     @property
     def channels(self) -> tuple[int, ...]:
-        """Stored ones that it is made of; a single one is the plane itself."""
+        """The stored channels that it is computed from; a single one is the plane itself."""
         return tuple(k for k, weight in enumerate(self.weights) if weight)
 
 
@@ -111,11 +111,11 @@ class Channel:
 
 @attrs.frozen
 class Recipe:
-    """What an output picture is made of."""
+    """The composition of an output picture."""
 
     planes: tuple[Plane, ...]
     channels: tuple[Channel, Channel, Channel]  # red, green, blue
-    linear: bool  # whether planes are mixed in linear light, or in code values
+    linear: bool  # whether planes are mixed in linear light instead of code values
 
 
 def decoded(code: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -139,12 +139,12 @@ def _unit(row: Weights) -> tuple[Weights, float]:
 def recipe(anaglyph: str, light: str = "linear", ghost_compensation: float = 0.0) -> Recipe:
     """The recipe of a glasses method.
 
-    anaglyph: a key of MATRICES. light: "linear" or "gamma"; it counts only where a method has cross
-    terms, as the others have no sum of two eyes. ghost_compensation: 0..100 %, the share to be
-    taken out of the light that leaks through the other eye's glass: green through red; blue through
-    green and green through magenta. The spectra of amber/blue glasses are not known: the matrix
-    takes out their share. A channel is raised by as much as it loses on grey: grey stays grey. A
-    channel whose row is empty stays dark, as for red/green glasses.
+    anaglyph: a key of MATRICES. light: "linear" or "gamma"; it affects only methods with cross
+    terms, because the others do not sum the views. ghost_compensation: 0..100 %, the share to
+    subtract of the light that leaks through the other eye's filter: green through red; blue through
+    green and green through magenta. The spectra of amber/blue glasses are unknown: the matrix
+    determines their share. A channel is raised by the amount that it loses on grey: grey stays
+    grey. A channel with an empty row stays dark, as for red/green glasses.
     """
     stated = MATRICES[anaglyph]
     dark = [not any((*left, *right)) for left, right in stated]
@@ -188,10 +188,10 @@ def recipe(anaglyph: str, light: str = "linear", ghost_compensation: float = 0.0
 def _compensated(
     channels: list[Channel], eyes: list[int], glasses: tuple[Weights, Weights], share: float
 ) -> list[Channel]:
-    """The channels with a share of what leaks taken out of the brightest channel of each eye.
+    """The channels, with a share of the leak subtracted from the brightest channel of each eye.
 
-    Seen through a glass: main + leak * other. (1 + leak) * own view - leak * other leaves only the
-    own view.
+    Light through a filter: main + leak * other. (1 + leak) * own view - leak * other leaves only
+    the own view.
     """
     compensated = list(channels)
     for eye, through in enumerate(glasses):
@@ -225,7 +225,7 @@ def _table(channel: Channel, linear: bool) -> NDArray[np.uint8]:
 
 
 class Mixer:
-    """Planes of one size to a picture; owns the scratch, so a call allocates nothing."""
+    """Mixes planes of one size to a picture; owns its buffers, so a call allocates nothing."""
 
     def __init__(self, recipe: Recipe, size_px: tuple[int, int]) -> None:
         """size_px: (height, width) of the planes."""
@@ -242,8 +242,8 @@ class Mixer:
     def mix(
         self, planes: list[NDArray[np.uint8]], out: NDArray[np.uint8], rows: slice = slice(None)
     ) -> NDArray[np.uint8]:
-        """planes: uint8 (height, width) in the recipe's order. out: uint8 (height, width, 3),
-        filled as BGR. rows: only these; two threads may mix different rows.
+        """Mixes planes, uint8 (height, width) in the recipe's order, into out, uint8 (height,
+        width, 3) BGR. rows: only these; two threads may mix different rows.
         """
         for (low, high), index in self._pairs.items():
             cv2.merge([planes[low][rows], planes[high][rows]], index[rows])
@@ -269,8 +269,8 @@ def wide_lookup(
 
 
 class PlaneBuilder:
-    """Builds a plane from a stored view: sum of weighted light, then code values again, in 16 bits
-    between.
+    """Builds a plane from a stored view: a sum of weighted light in 16 bits, converted back to code
+    values.
     """
 
     def __init__(self, size_px: tuple[int, int]) -> None:
@@ -278,7 +278,7 @@ class PlaneBuilder:
         self._plus, self._minus, self._term = np.empty((3, *size_px), np.uint16)
 
     def build(self, view: NDArray[np.uint8], plane: Plane) -> NDArray[np.uint8]:
-        """The plane, uint8 (height, width): a new one, or the channel of the view that it is.
+        """The plane, uint8 (height, width): a new array, or a channel of the view itself.
 
         view: uint8 (3, height, width), red, green, blue.
         """

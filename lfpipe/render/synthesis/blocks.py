@@ -1,5 +1,5 @@
-"""Planes as overlapping blocks of 2x2 pixels: resampling pays for each lookup, hardly for the bytes
-it returns.
+"""Planes as overlapping blocks of 2x2 pixels: the cost of resampling is per lookup, hardly per
+byte.
 
 The disparity of a view is stored at half its resolution, so four pixels share one displacement. If
 a plane is stored as
@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-# of blocks packed and sampled at a time: what stays near the processor. At 512x512 four bands take
+# of blocks packed and sampled at a time: they fit into the cache. At 512x512 four bands take
 # 8 % less time than one, at 1920x1080 bands of this size 5 % less than of three times this size.
 BAND_BYTES = 320 << 10
 Reach = tuple[int, int]  # first and last row of blocks that a band needs
@@ -29,12 +29,12 @@ MARGIN = 1
 
 
 def size_of(height_px: int, width_px: int) -> tuple[int, int]:
-    """(rows, columns) of the blocks of a picture: as many as its disparity has values."""
+    """(rows, columns) of the blocks of a picture: one per disparity value."""
     return (height_px + 1) // 2, (width_px + 1) // 2
 
 
 def unaligned_array(shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    """A new uint8 array at an odd address: cv2.merge writes to aligned arrays past the caches, and
+    """A new uint8 array at an odd address: for aligned arrays, cv2.merge bypasses the caches, and
     the next reader waits for memory (512x512: sampling blocks takes 0.14 instead of 0.24 ms,
     merging three planes 0.020 instead of 0.029).
     """
@@ -51,8 +51,8 @@ def bands_of(rows: int, row_bytes: int, most_bytes: int = BAND_BYTES) -> list[sl
 
 
 def shifted(plane: NDArray[Pixel], dy: int, dx: int, box: Box) -> NDArray[Pixel]:
-    """A box of the picture that shows plane[y + dy, x + dx] at (y, x), the border of the plane
-    repeated outwards: a part of the plane itself, or a new array.
+    """A box of the picture with plane[y + dy, x + dx] at (y, x) and a repeated border: a part of
+    the plane itself, or a new array.
     """
     rows, cols = box
     top, bottom, above, below = _span(rows.start + dy, rows.stop + dy, plane.shape[0])
@@ -65,8 +65,8 @@ def shifted(plane: NDArray[Pixel], dy: int, dx: int, box: Box) -> NDArray[Pixel]
 
 
 def _span(first: int, end: int, size: int) -> tuple[int, int, int, int]:
-    """What lies inside of places first to end on an axis of this size: start and stop, at least one
-    place, and how often the border repeats before and after it.
+    """The part of first to end inside an axis of this size: start and stop, at least one element
+    apart, and the number of border repetitions before and after.
     """
     start = min(max(first, 0), size - 1)
     stop = max(min(end, size), 1)
@@ -122,8 +122,8 @@ class Blocks:
         return self._whole[:count, : width + 1]
 
     def reach(self, rows: slice, most_px: float) -> Reach:
-        """The first and the last row of `lay` that rows of blocks need, which lie at most most_px
-        from where they are undisplaced.
+        """The first and the last row of `lay` that rows of blocks need, if displaced by at most
+        most_px.
         """
         height = self._size[0]
         if rows.stop - rows.start == self._count[0]:

@@ -36,16 +36,16 @@ _RGB = tuple(Plane(0, weights, False) for weights in (RED, GREEN, BLUE))
 # one eye's view in its own colours
 _WHOLE = Recipe(_RGB, (Channel(0), Channel(1), Channel(2)), False)
 BUDGET_BYTES = 64 << 20  # of planes that are built and kept
-TWO_VIEWS = ("side-by-side", "row-interleaved")  # outputs of each eye's view in its own colours
+TWO_VIEWS = ("side-by-side", "row-interleaved")  # outputs with separate views, in original colours
 
 
 def method_for(field: LightField, asked: str) -> str:
-    """The method that makes views of field for render.method = asked; never "auto"."""
+    """The method that renders field for render.method = asked; never "auto"."""
     return method_in_use(asked, field.method, field.disparity is not None, field.manifest.scores)
 
 
 def settings_for_scene(field: LightField, method: str, render: Render) -> Render:
-    """render as it applies to a scene: where both eyes see the same view, it is drawn in its own
+    """render as it applies to a scene: if both eyes see the same view, it is drawn in its original
     colours.
     """
     same = field.cols == 1 and not extrapolation_views(method, render)
@@ -53,7 +53,7 @@ def settings_for_scene(field: LightField, method: str, render: Render) -> Render
 
 
 def recipe_for(render: Render) -> Recipe:
-    """The recipe for mixing pictures; outputs without glasses show a view in its own colours."""
+    """The recipe for mixing pictures; outputs without glasses show original colours."""
     return (
         recipe(render.anaglyph, render.light, render.ghost_compensation)
         if render.anaglyph in MATRICES
@@ -62,8 +62,8 @@ def recipe_for(render: Render) -> Recipe:
 
 
 def planes_of_eyes(render: Render) -> tuple[tuple[Plane, ...], tuple[Plane, ...]]:
-    """Planes made from the left eye's viewpoint, and from the right eye's. The one viewpoint of
-    `mono`, midway between the eyes, counts as the left eye's.
+    """The planes for the left and for the right viewpoint. The single viewpoint of `mono`, midway
+    between the eyes, counts as the left one.
     """
     left, right = (
         tuple(plane for plane in recipe_for(render).planes if plane.eye == eye) for eye in (0, 1)
@@ -73,7 +73,7 @@ def planes_of_eyes(render: Render) -> tuple[tuple[Plane, ...], tuple[Plane, ...]
 
 def _quantum(method: str, disparity_px: float) -> float:
     """Grid step to which coordinates are rounded, a power of two, at least 1/1024. Up to 64 px per
-    view it moves nothing by more than 1/32 px, and it changes the weights of a cross-fade by at
+    view, this moves pixels by at most 1/32 px, and it changes the weights of a cross-fade by at
     most 1/512, of two warped views by at most 1/128.
     """
     if method == "nearest":
@@ -118,9 +118,9 @@ class PlaneStore:
 
 @attrs.frozen(kw_only=True)
 class _Eye:
-    """What one eye's view gives."""
+    """The planes of one eye's view."""
 
-    planes: list[int]  # their numbers in the picture
+    planes: list[int]  # indices in the picture
     sources: list[Source]  # of each plane
     scratch: list[NDArray[np.uint8]]  # of each plane
     synthesiser: Synthesiser
@@ -182,9 +182,8 @@ class Compositor:
         return math.floor(inside / self._quantum + 0.5) * self._quantum
 
     def key(self, left: Position, right: Position, frame: int = 0) -> Key:
-        """What `draw` draws for (row, col) viewpoints of the eyes: equal keys mean the same
-        picture, which need not be drawn again. frame: of light-field video, taken modulo its
-        length.
+        """The key of the picture for (row, col) viewpoints of the eyes: equal keys mean equal
+        pictures, which need not be drawn again. frame: of light-field video, modulo its length.
         """
         last_row, last_col = self._last
         if self._anaglyph == "mono":
@@ -264,6 +263,6 @@ class ViewRenderer:
         )
 
     def render(self, row: float, col: float, frame: int = 0) -> NDArray[np.uint8]:
-        """As `planes`, as a new uint8 (height, width, 3) BGR."""
+        """As `planes`, in a new array, uint8 (height, width, 3) BGR."""
         planes = self.planes(row, col, frame)
         return np.stack(planes * 3 if len(planes) == 1 else planes[::-1], axis=2)

@@ -1,4 +1,4 @@
-"""Views between the stored views, and a little beyond them.
+"""Views between the stored views, and slightly beyond them.
 
 A viewpoint is (row, col), fractional, in grid steps. Whole numbers are the stored views, which
 every method returns bit for bit. Between them a stored view b is warped backwards along its own
@@ -33,7 +33,7 @@ class Layer(NamedTuple):
 
     planes: list[Array]
     share: float  # of the sum of this layer and those below
-    by: tuple[int, int]  # px down and right by which a pixel of the picture looks into the planes
+    by: tuple[int, int]  # offset of the sampled pixels in the planes, px down and right
 
 
 class Synthesiser:
@@ -61,7 +61,7 @@ class Synthesiser:
     ) -> list[Array]:
         """One plane for each source, at most four, seen from position.
 
-        zero_plane_px: disparity that lies in the plane of the screen. outs: uint8 (height, width)
+        zero_plane_px: disparity in the plane of the screen. outs: uint8 (height, width)
         each, to draw into. Returns the planes: an element of outs, the stored plane itself if that
         is the picture, or a shifted copy.
         """
@@ -85,7 +85,7 @@ class Synthesiser:
             self._warp(
                 self._warper, view.weight / total, planes, drawn if view is views[-1] else []
             )
-        # where disparity is unknown: the cross-fade instead
+        # cross-fade the parts with unknown disparity
         layers = []
         for box, share in self._warper.unknown(frame, position, shift):
             if not layers:
@@ -130,8 +130,8 @@ class Synthesiser:
         return faded
 
     def _warp(self, warper: Warper, share: float, planes: list[Array], outs: list[Array]) -> None:
-        """Warps planes of a view as aimed, and adds them in blocks with its share of the views so
-        far. outs: to unpack into, after the last view.
+        """Warps planes of a view to the target view, and adds them in blocks, with the view's share
+        of the sum so far. outs: to unpack into, after the last view.
         """
         for band in warper.bands:
             reach = self._blocks.reach(band, warper.most_px)

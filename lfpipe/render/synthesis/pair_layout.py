@@ -1,5 +1,5 @@
-"""Scaling of pictures, and two views for 3-D screens, arranged in the screen's own pixels: after
-scaling, so rows stay rows.
+"""Scaling of pictures, and arrangement of two views for 3-D screens in the screen's own pixels:
+after scaling, so that rows are preserved.
 """
 
 import cv2

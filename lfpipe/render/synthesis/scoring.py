@@ -1,5 +1,5 @@
-"""Scores of the methods that make views: every second view is held out, predicted from the others,
-and compared. `scene.classification` says what the scores mean.
+"""Scores of the rendering methods: every second view is held out, predicted from the others, and
+compared. `scene.classification` interprets the scores.
 """
 
 import math
@@ -14,7 +14,7 @@ from lfpipe.scene.lightfield import LightField
 
 
 def psnr_db(mean_square: float) -> float:
-    """Peak signal-to-noise ratio of 8-bit pictures; 100 dB stands for no difference at all."""
+    """Peak signal-to-noise ratio of 8-bit pictures; 100 dB means no difference."""
     return min(100.0, 10 * math.log10(255.0**2 / max(mean_square, 1e-10)))
 
 
@@ -36,8 +36,8 @@ def thinned(field: LightField) -> LightField:
 
 
 def left_out(field: LightField, count: int) -> list[tuple[int, int]]:
-    """Up to count (row, col) of present views that `thinned` leaves out, between those that it
-    keeps, well spread; of two rows or columns, the first.
+    """Up to count (row, col) of present views that `thinned` omits, evenly distributed between
+    those that it keeps; of two rows or columns, the first.
     """
     inside = [
         (r, c)

@@ -1,14 +1,13 @@
-"""Eyes in the camera picture to viewpoints on the grid of views, and viewpoints to the stored views
-that make up a picture.
+"""Maps eyes in the camera picture to viewpoints on the view grid, and viewpoints to the stored
+views for a picture.
 
     col = c0 + (cx - u) / alpha        row = r0 + (v - cy) / alpha
 
 (u, v) is an eye in px of the unmirrored camera picture, (cx, cy) the centre of the neutral viewer's
 eyes, (r0, c0) the middle of the grid in canonical order. A viewer who moves right appears further
-left in the picture (smaller u) and looks from a camera further right. Both eyes share the row of
-the point midway between them, so noise of the landmarks never becomes vertical disparity. At the
-edge of the grid the middle of the eyes stops and their distance stays: parallax ends there, depth
-does not.
+left in the picture (smaller u) and sees the view of a camera further right. Both eyes share the row
+of their midpoint, so landmark noise never becomes vertical disparity. At the edge of the grid, the
+midpoint is clamped and the eye distance is kept: parallax ends there, depth does not.
 """
 
 import math
@@ -21,8 +20,8 @@ from lfpipe.eyes import Eyes
 Position = tuple[float, float]  # (row, col) in grid steps
 Place = tuple[float, float, float]  # row of both eyes, column of the left and of the right one
 
-HYSTERESIS_VIEWS = 0.1  # still eyes tremble by less
-_FAR = 1e12  # steps; larger values mean nothing and overflow
+HYSTERESIS_VIEWS = 0.1  # more than the jitter of still eyes
+_FAR = 1e12  # steps; larger values are meaningless and overflow
 
 # Half the width, in views, of the zone in which warp2 fades from one stored view to the next.
 # Against fading all the way (antinous): nothing lost with every 2nd view kept, 0.3 dB with every
@@ -87,7 +86,7 @@ def _snapped(value: float, held: float) -> float:
 
 
 class ViewSolver:
-    """The mapping with its state: the neutral pose, and the views held in nearest mode.
+    """The mapping with its state: the neutral position, and the views held in nearest mode.
 
     rows, cols: of the grid. render: extrapolate_views, keep_depth and swap_eyes are used. alpha_px:
     camera px between neighbouring views. centre_px: (cx, cy). method: in use; nearest gets whole
@@ -167,7 +166,7 @@ class ViewSolver:
         (r0, c0), (cx, cy) = self._middle, self.centre_px
         # halve first: the sum of two finite numbers may overflow
         middle_v = left_v / 2 + right_v / 2
-        # a single row knows nothing above and below it: its height is left out
+        # a single row has no vertical parallax: ignore the height
         row = limited(
             r0 + self._steps(middle_v - cy),
             0.0,
@@ -185,7 +184,7 @@ class ViewSolver:
 
     def positions(self, place: Place) -> tuple[Position, Position]:
         """Viewpoints ((row, col) left, (row, col) right) at a place: whole views in nearest mode,
-        exchanged if the configuration exchanges the eyes.
+        swapped if the configuration swaps the eyes.
         """
         row, left, right = place
         if self._snap:
@@ -200,9 +199,7 @@ class ViewSolver:
         )
 
     def eyes_at(self, place: Place) -> Eyes:
-        """Eyes that look from place, in px of the camera picture: the inverse of `place` within the
-        grid.
-        """
+        """The eyes at a place, in px of the camera picture: the inverse of `place` in the grid."""
         row, left, right = place
         (r0, c0), (cx, cy) = self._middle, self.centre_px
         v = cy + (row - r0) * self.alpha_px

@@ -1,4 +1,4 @@
-"""The position in a stored view of each pixel of a new picture, and whether that view sees it."""
+"""Maps the pixels of a new picture to positions in a stored view, with occlusion."""
 
 import itertools
 import math
@@ -19,8 +19,8 @@ from lfpipe.scene.lightfield import UNKNOWN, LightField
 # at a seventh of the cost of a warp
 CAREFUL_PX = 1.0
 SOFT = 5  # values of disparity over which a cross-fade ramps up
-BOX_SHARE = 0.02  # what the work for a box costs before its first pixel, in parts of a whole map
-MAX_BOXES = 30  # of unknown disparity: more are one
+BOX_SHARE = 0.02  # fixed cost of a box, relative to a whole map
+MAX_BOXES = 30  # of unknown disparity: more are merged into one
 
 Pair = tuple[NDArray[np.float32], NDArray[np.float32]]  # x, y
 Levels = NDArray[np.uint8]  # disparity in stored units, plus ZERO
@@ -31,8 +31,8 @@ ZERO = 128
 class Unknown:
     """A box of the maps of four views in which some disparity is unknown."""
 
-    box: Box  # with as much around what is unknown as `SOFT` reaches
-    masks: dict[tuple[int, int], NDArray[np.float32]]  # of a view: 1 where it is unknown, else 0
+    box: Box  # including the margin of `SOFT`
+    masks: dict[tuple[int, int], NDArray[np.float32]]  # by view: 1 if unknown, else 0
 
 
 class Warper:
@@ -78,12 +78,11 @@ class Warper:
         # by level: px that a block moves along x and y; and whole cells
         self._moves = np.empty((2, 256), np.float32)
         self._cell_moves = np.empty((1, 256), np.int32)
-        self._careful = False  # whether near and far separate enough to hide each other
+        self._careful = False  # whether near and far surfaces separate enough for occlusion
 
     def offset(self, view: ViewWeight, position: Position) -> Position:
-        """Steps from the view's camera to position. Cameras off the regular grid bend the
-        coordinates: whole numbers are always the cameras themselves, and offsets between them are
-        interpolated.
+        """Steps from the view's camera to position. Camera offsets distort the coordinates: whole
+        numbers are always the cameras themselves, and offsets between them are interpolated.
         """
         if self._regular:
             return position[0] - view.row, position[1] - view.col
@@ -99,7 +98,7 @@ class Warper:
         return position[0] - view.row + float(bend[0]), position[1] - view.col + float(bend[1])
 
     def aim(self, frame: int, view: ViewWeight, steps: Position, shift_px: Position) -> None:
-        """Prepares `maps` of the view as seen steps away from it, moved by shift_px.
+        """Prepares `maps` for the view from `steps` away, moved by shift_px.
 
         steps, shift_px: (row, col).
         """
@@ -134,12 +133,12 @@ class Warper:
         band: one of `bands`. first_row: of blocks, from which y counts. The maps are for
         `Blocks.sample`, not to be written to, and valid until the next call.
 
-        They follow the view's disparity at the place where each pixel lands: d(x + d * steps). One
+        They follow the view's disparity at the target of each pixel: d(x + d * steps). One
         iteration of the fixed point from d(x) suffices if little is hidden. If near and far
         separate by more than CAREFUL_PX, the search starts from the nearest object in reach, so
         that the front object wins. A point hidden in the view does not converge: it alternates
         between the front object and the background. The nearer value then samples the background
-        right beside the object.
+        next to the object.
         """
         count = band.stop - band.start
         first = self._first[:count]
@@ -168,7 +167,7 @@ class Warper:
         return bool(self._map(frame, row, col).min() == UNKNOWN)
 
     def _find_unknown_around(self, frame: int, row: int, col: int) -> list[Unknown]:
-        """All that is unknown in the four views from (row, col) on."""
+        """The boxes with unknown disparity in the four views from (row, col) on."""
         rows, cols = self._offsets.shape[:2]
         corners = itertools.product((row, min(row + 1, rows - 1)), (col, min(col + 1, cols - 1)))
         masks = {
@@ -188,9 +187,9 @@ class Warper:
     def unknown(
         self, frame: int, position: Position, shift_px: Position
     ) -> Iterator[tuple[Box, NDArray[np.float32]]]:
-        """Where a picture is cross-faded because disparity is unknown: boxes of the picture, moved
-        by shift_px as by `aim`, and the share of the cross-fade at each of their pixels, float32, 0
-        to 1. It is 0 everywhere else.
+        """The parts to cross-fade because disparity is unknown: boxes of the picture, moved by
+        shift_px as by `aim`, and the share of the cross-fade at each of their pixels, float32, 0 to
+        1. It is 0 elsewhere.
         """
         rows, cols = self._offsets.shape[:2]
         row, _ = cell_of(position[0], rows)
@@ -202,7 +201,7 @@ class Warper:
         dy, dx = round(shift_px[0]), round(shift_px[1])
         for area in areas:
             top, left = area.box[0].start, area.box[1].start
-            low = np.full_like(next(iter(area.masks.values())), -1)  # other views know the rest
+            low = np.full_like(next(iter(area.masks.values())), -1)  # known in other views
             for view in views:
                 if (mask := area.masks.get((view.row, view.col))) is not None:
                     cv2.scaleAdd(mask, 2 * view.weight, low, low)
@@ -248,7 +247,7 @@ def _moved(
 
 def _levels(turned: bool) -> tuple[Levels, Levels]:
     """Tables from a stored byte to its level. Unknown is ZERO in the first, and below all others in
-    the second. turned: near and far are exchanged.
+    the second. turned: depth is inverted.
     """
     up = np.arange(256, dtype=np.uint8) ^ np.uint8(ZERO)
     if turned:
@@ -260,13 +259,13 @@ def _levels(turned: bool) -> tuple[Levels, Levels]:
 
 _LEVELS, _LEVELS_TURNED = _levels(False), _levels(True)
 _UNITS = np.arange(256)[:, None] - float(ZERO)
-_STEP_PX = 1 / 1024  # of a move: then its sum with a place is exact, whatever the band
-_FAR = 1 << 14  # cells beyond any picture, which 16 bits hold together with a place in it
+_STEP_PX = 1 / 1024  # of a move: its sum with a position is then exact in any band
+_FAR = 1 << 14  # cells beyond any picture, so that the sum with a position fits into 16 bits
 
 
 def _span(start: int, length: int, moved: int, most: int) -> slice:
-    """The pixels on an axis of `most` that show start to start + length of a plane after a move;
-    what touches a border of the plane reaches to that of the picture.
+    """The pixels on an axis of `most` that show start to start + length of a plane after a move; a
+    part at the border of the plane extends to that of the picture.
     """
     stop = start + length
     return slice(
@@ -275,7 +274,7 @@ def _span(start: int, length: int, moved: int, most: int) -> slice:
 
 
 def _boxes_of(mask: NDArray[np.uint8]) -> list[Box]:
-    """Boxes that hold all of a mask, uint8 (h, w), and cost the least work."""
+    """Boxes that cover a mask, uint8 (h, w), with the least work."""
     count, _, areas, _ = cv2.connectedComponentsWithStats(mask)
     rects = areas[1:, :4].tolist() if count - 1 <= MAX_BOXES else [cv2.boundingRect(mask)]
     boxes = [(y, x, y + height, x + width) for x, y, width, height in rects]

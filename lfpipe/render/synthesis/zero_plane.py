@@ -1,4 +1,4 @@
-"""The zero plane: the disparity that lies in the plane of the screen."""
+"""The zero plane: the disparity in the plane of the screen."""
 
 from lfpipe.config import Render
 from lfpipe.scene.lightfield import LightField

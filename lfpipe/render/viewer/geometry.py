@@ -1,15 +1,15 @@
-"""Alpha from the viewer's distance, the screen and the scene's disparities: how far apart the eyes
-are on the grid of views.
+"""Alpha from the viewer's distance, the screen and the scene's disparities; it determines the eye
+distance on the view grid.
 
 The eyes are S views apart, `alpha = IPD_px / S`. A scene of baseline b and focus distance F, seen
-from distance Z by eyes e apart, is true to nature at `S_true = e F / (b Z)`. Fewer views flatten it
-by `g = S / S_true`, in stereo and in motion alike, so the scene stays rigid. The limit of comfort
-is what the eyes can fuse: on the screen the two images of a point of disparity d are `S |d - zero
+from distance Z with eye distance e, has true depth at `S_true = e F / (b Z)`. Fewer views flatten
+it by `g = S / S_true`, in stereo and in motion alike, so the scene stays rigid. The comfort limit
+is the limit of fusion: on the screen, the two images of a point of disparity d are `S |d - zero
 plane| pitch` apart, at most 1 degree of visual angle and 3 % of the picture's width.
 
-What the border of a picture cuts off must not stand before the screen: a window violation, which
-the eyes cannot fuse. The zero plane `auto` puts the nearest thing at the left and right border into
-the screen; what is in the middle may come forward.
+Objects that the border cuts off must not appear in front of the screen: a window violation, which
+the eyes cannot fuse. The zero plane `auto` puts the nearest thing at the left and right border at
+the screen; objects in the middle may appear in front.
 """
 
 import math
@@ -27,7 +27,7 @@ from lfpipe.scene.source import Geometry
 PICTURE_MM = 530.0
 SEAT_MM = 600.0  # assumed distance of the viewer until a face is seen
 NEAREST_MM, FARTHEST_MM = 50.0, 50000.0  # the range of screen.distance_mm
-# that most people fuse at once: docs/comfort.md
+# limits that most people fuse immediately: docs/comfort.md
 FUSED_RAD = math.radians(1.0)
 FUSED_WIDTH = 0.03
 DEFAULT_VIEWS = 4.0  # between the eyes, if the disparities are unknown
@@ -36,20 +36,21 @@ MIN_VIEWS = 1e-3  # so that alpha stays finite
 
 @attrs.frozen(kw_only=True)
 class Parallax:
-    """The chosen alpha and the reason; `str()` gives all of it in lines, for the log.
-
-    alpha_px: camera px per view. views_between_eyes: S. comfort_views, true_views: the largest
-    comfortable S and the S of nature, None if unknown. zero_plane_px: the disparity in the plane of
-    the screen that S was chosen for.
-    """
+    """The chosen alpha and the reason; `str()` returns everything in lines, for the log."""
 
     alpha_px: float
+    """Camera px per view."""
     views_between_eyes: float
+    """S."""
     comfort_views: float | None
+    """The largest comfortable S; None if unknown."""
     true_views: float | None
+    """S_true; None if unknown."""
     distance_mm: float
     eyes_px: float
+    """Eye distance in the camera picture."""
     zero_plane_px: float
+    """The disparity in the plane of the screen that S was chosen for."""
     reasons: tuple[str, ...]
 
     @property
@@ -68,7 +69,7 @@ class Parallax:
 
     @property
     def summary(self) -> str:
-        """One line, for the viewer who has sat down."""
+        """One line, for a viewer who has just sat down."""
         depth = "" if self.compression is None else f", {self.compression:.0%} of true depth"
         return (
             f"viewer {self.distance_mm:.0f} mm from the screen: {self.views_between_eyes:.1f} views"
@@ -93,8 +94,8 @@ def parallax(
 ) -> Parallax:
     """Chooses alpha.
 
-    frame_width_px: of the camera picture. eyes_px: distance between the eyes in it; None, or a
-    value no face has, before a face is seen. picture_mm: `Display.width_mm`.
+    frame_width_px: of the camera picture. eyes_px: eye distance in it; None, or an impossible
+    value, before a face is seen. picture_mm: `Display.width_mm`.
     """
     render = config.render
     screen = config.screen
@@ -158,7 +159,7 @@ def parallax(
 def _automatic_views(
     field: LightField, depth: float, comfort: tuple[float | None, str], true: float | None
 ) -> tuple[float, str]:
-    """S from comfort to true depth, or to the whole grid where that is unknown, and why."""
+    """S from comfort to true depth, or to the whole grid if that is unknown, and the reason."""
     count, axis = (field.cols, "columns") if field.cols > 1 else (field.rows, "rows")
     half = (
         f"half of the {count} {axis}; the other half is room to move"
@@ -182,8 +183,8 @@ def _automatic_views(
 def _comfort_views(
     zero_px: float, field: LightField, distance_mm: float, eyes_mm: float, width_mm: float
 ) -> tuple[float | None, str]:
-    """The most views between the eyes at which everything can be fused, and the limit that decides;
-    None if disparities are unknown. Their range is known from a first flow, before there are maps.
+    """The largest S at which everything can be fused, and the limit that decides; None if
+    disparities are unknown. A first flow determines their range, before there are maps.
     """
     pitch_mm = width_mm / field.width_px
     behind_mm = (zero_px - field.disparity_min_px) * pitch_mm

@@ -1,8 +1,8 @@
 """The mouse as the viewer: without a camera, and with one while the right button is held.
 
-The pointer's place over the window is the place of the eyes before the grid of views: at the left
-edge they see the leftmost view, at the top the topmost. The wheel is the distance, dragging moves
-the neutral position, and the eyes follow as smoothly as a head.
+The pointer position in the window maps to the eye position in front of the view grid: at the left
+edge, the eyes see the leftmost view, at the top the topmost. The wheel sets the distance, dragging
+moves the neutral position, and the eyes follow as smoothly as a head.
 """
 
 import math
@@ -20,10 +20,10 @@ from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.ring import Stamp
 from lfpipe.transport.ring_io import RingOutput
 
-EASE_S = 0.06  # time constant of two low-passes in a row: a move of the mouse becomes one of a head
-# the way back to the camera's eyes: eight times EASE_S leave nothing to see
+EASE_S = 0.06  # time constant of two cascaded low-passes: mouse motion becomes like head motion
+# transition back to the camera's eyes: after eight times EASE_S, the rest is invisible
 BACK_NS = SECOND_NS // 2
-# range of the wheel, from reading to across a room; a step is that of key +
+# range of the wheel, from reading distance to across a room; its step is that of key +
 NEAR_MM, FAR_MM, STEP = 250.0, 4000.0, 1.1
 
 
@@ -55,7 +55,7 @@ class MouseLook:
         return self._alone or self._pointer.right or self._eased_px is not None
 
     def move(self, pointer: Pointer, t_ns: int) -> None:
-        """Takes the pointer's state at t_ns."""
+        """Processes the pointer's state at t_ns."""
         before = self._pointer
         self._pointer = pointer
         if pointer.left and before.left and self.is_viewer:
@@ -69,7 +69,7 @@ class MouseLook:
             self._released_ns = t_ns
 
     def recentre(self) -> bool:
-        """Makes the pointer's place the neutral one; returns whether the mouse is the viewer."""
+        """Makes the pointer position neutral; returns whether the mouse is the viewer."""
         if self._alone:
             self._anchor = self._pointer.x, self._pointer.y
         return self._alone

@@ -7,7 +7,7 @@ easing of the view.
     seated     it rests with both eyes beyond the grid                 seated, measured again
                it settles beyond the grid in a seat that was left      seated, as measured then
                less than RETURN_S ago
-               it was just found beyond the grid and stands still      exchanged
+               it was just found beyond the grid and is still          exchanged
     arriving, seated, exchanged
                another face took over                                  exchanged
                no face                                                 lost
@@ -17,13 +17,13 @@ easing of the view.
     lost       a face, before ABSENT_S have passed                     as before the loss
                no face for ABSENT_S                                    nobody
 
-"Rests": for REST_S and REST_FRAMES the eyes stay within REST_SPAN of a point, and their distance
-from each other within REST_DEPTH. "Another face took over": a face of another track follows within
-GAP_S of the last; a longer gap means that the camera stood still. "Settles": the same for SETTLED_S
-and SETTLED_FRAMES. A face is that of a seat if it is where the seat's face was last, and as large
-(RETURN_SPAN, RETURN_DEPTH). The measurement is the mean over the rest of the eyes' position and of
-their distance from each other, which gives the viewer's distance. While no face is seen, and when
-one returns, the view holds, glides to neutral and is eased back; it never jumps.
+"Rests": for REST_S and REST_FRAMES, the eyes stay within REST_SPAN of a point, and the eye distance
+within REST_DEPTH. "Settles": the same for SETTLED_S and SETTLED_FRAMES. "Another face took over": a
+face of another track follows within GAP_S of the last; a longer gap means that the camera paused. A
+face belongs to a seat if it has the last position and size of the seat's face (RETURN_SPAN,
+RETURN_DEPTH). The measurement is the mean, over the rest, of the eyes' position and of the eye
+distance, which gives the viewer's distance. Without a face, the view holds, then glides to neutral;
+when a face returns, it is eased back. It never jumps.
 """
 
 import enum
@@ -34,27 +34,27 @@ from typing import NamedTuple
 from lfpipe.render.synthesis.viewpoint import Place
 from lfpipe.transport.clock import SECOND_NS
 
-# people who pass by do not stand still that long; at 8 Hz and more the second decides
+# passers-by are not still for that long; at 8 Hz and more, the second limit decides
 REST_S, REST_FRAMES = 1.0, 8
-REST_SPAN = 0.3  # of the distance between the eyes: 2 cm
-REST_DEPTH = 0.06  # of the same
-ABSENT_S = 10.0  # a viewer who is back sooner sits as before
-GAP_S = 0.5  # as long as filters remember a face
-# people who walk do not stand still that long: until a rest, the neutral place may follow the eyes
+REST_SPAN = 0.3  # of the eye distance: 2 cm
+REST_DEPTH = 0.06  # of the eye distance
+ABSENT_S = 10.0  # a viewer who returns sooner keeps the measurement
+GAP_S = 0.5  # the memory of the filters
+# people who walk are not still for that long: until a rest, the neutral place may follow the eyes
 SETTLED_S, SETTLED_FRAMES = 0.2, 4
 RETURN_S = 30.0  # a passer-by is gone by then
-# of the distance between the eyes: people who sit down again sit a little aside
+# of the eye distance: people who sit down again are slightly displaced
 RETURN_SPAN, RETURN_DEPTH = 1.0, 0.2
-FOUND_S = 2.0  # as long as a face counts as just found
+FOUND_S = 2.0  # time for which a face counts as just found
 
-# a hand before the face, a glance aside, a dropped pen:
-# a viewer who is back soon finds the picture they left
+# a hand in front of the face, a glance aside, a dropped pen:
+# a viewer who returns soon finds the picture unchanged
 HOLD_S = 3.0
-AWAY_S = 0.8  # time constant of easing to neutral: nobody is looking, no hurry
-# Views between two pictures at EASED_HZ that no motion explains: a visible move and no jump. From
+AWAY_S = 0.8  # time constant of easing to neutral: not urgent without a viewer
+# Views between two pictures at EASED_HZ beyond the eyes' motion: a visible move, but no jump. From
 # one end of the usual grid to the other within half a second.
 EASED_VIEWS, EASED_HZ = 0.3, 60.0
-PAUSE_S = 0.5  # after so long without a picture there is nothing to ease from
+PAUSE_S = 0.5  # after this time without a picture, the next one is not eased
 
 
 class ViewerState(enum.IntEnum):
@@ -72,18 +72,17 @@ class ViewerState(enum.IntEnum):
 
 
 class Rest(NamedTuple):
-    """The position of a resting viewer.
-
-    x_px, y_px: the point between the eyes; eye_distance_px: the distance between them.
-    """
+    """The position of a resting viewer."""
 
     x_px: float
+    """Of the midpoint of the eyes."""
     y_px: float
+    """Of the midpoint of the eyes."""
     eye_distance_px: float
 
     def contains(self, other: "Rest", span: float, depth: float) -> bool:
-        """Whether other is within span of here, and as large but for depth; both are shares of the
-        distance between the eyes.
+        """Whether other is within span of here, and of equal size within depth; both are shares of
+        the eye distance.
         """
         aside_px = max(abs(other.x_px - self.x_px), abs(other.y_px - self.y_px))
         return (
@@ -93,13 +92,12 @@ class Rest(NamedTuple):
 
 
 class Seat(NamedTuple):
-    """A seat that was left: by a viewer who moved, or whom another face has replaced.
-
-    last: where the viewer was seen last. rest: as measured.
-    """
+    """A seat that a viewer left, by moving or because another face took over."""
 
     last: Rest
+    """The last position of the viewer."""
     rest: Rest
+    """The measured position."""
     t_ns: int
 
 
@@ -113,14 +111,14 @@ class Presence:
         self._t_ns = self._since_ns = 0  # of the last face; when its rest began
         self._found_ns = -round(FOUND_S * SECOND_NS)  # when the last loss ended
         self._first: Rest | None = None  # where the rest began
-        # of x, y and apart since then
+        # of x, y and eye distance since then
         self._sums = (0.0, 0.0, 0.0)
         self._count = 0
-        self._last: Rest | None = None  # of the viewer who is followed
+        self._last: Rest | None = None  # of the followed viewer
         self._measured: Rest | None = None  # the same
         self._left: Seat | None = None
         self.returned = False  # whether the last frame's face is back in its seat
-        self.settled = False  # whether the eyes stand still, be it briefly
+        self.settled = False  # whether the eyes are still, even briefly
 
     def update(
         self, t_ns: int, here: Rest | None, generation: int = 0, beyond: bool = False
@@ -172,8 +170,8 @@ class Presence:
         return rest
 
     def _is_back(self, seat: Seat, here: Rest, beyond: bool) -> bool:
-        """Whether the eyes are in a seat that was left: at once if another face took over, and
-        settled there if the viewer had moved to another seat.
+        """Whether the eyes are back in a seat that was left: immediately if another face had taken
+        over, and settled if the viewer had moved to another seat.
         """
         if self.state is ViewerState.EXCHANGED:
             return seat.rest.contains(here, REST_SPAN, RETURN_DEPTH)
@@ -190,7 +188,7 @@ class Presence:
             self._left = Seat(self._last, self._measured, t_ns)
 
     def _leave(self, t_ns: int) -> None:
-        """Another place is looked from; the seat is remembered."""
+        """Remembers the seat of a viewer who has moved to another one."""
         self._remember(t_ns)
         self.state = ViewerState.EXCHANGED
         self._measured = None
@@ -200,7 +198,7 @@ class Presence:
         return seat if seat is not None and t_ns - seat.t_ns < RETURN_S * SECOND_NS else None
 
     def _return(self, seat: Seat, here: Rest) -> Rest:
-        """The seat is taken again: returns its rest."""
+        """Returns the rest of a seat that is occupied again."""
         self.state = ViewerState.SEATED
         self._first = None
         self._last = here
@@ -233,13 +231,13 @@ class Presence:
 
 
 class ViewEasing:
-    """Moves the picture from place to place on the grid, and is the only thing that does.
+    """Moves the picture from place to place on the grid; no other code does.
 
-    With a face, a picture differs from the one before by the motion of the eyes and EASED_VIEWS at
-    most; what is left follows with the next pictures. So it needs no causes: another face, a found
-    or corrected one, a new neutral place and another distance all move the target, and the picture
-    never leaves the way to it. After a loss it holds for HOLD_S, then glides to the neutral place
-    as (1 + s) exp(-s), s = t / AWAY_S, in closed form for any time step.
+    With a face, a picture differs from the previous one by the motion of the eyes and at most
+    EASED_VIEWS; the remainder follows with the next pictures. So the cause is irrelevant: another
+    face, a found or corrected one, a new neutral place and another distance all move the target,
+    and the picture approaches it. After a loss, the picture holds for HOLD_S, then glides to the
+    neutral place as (1 + s) exp(-s), s = t / AWAY_S, in closed form for any time step.
     """
 
     def __init__(self) -> None:
@@ -253,9 +251,9 @@ class ViewEasing:
         self._shown = None
 
     def followed(self, t_ns: int, target: Place, motion: Callable[[float], Place]) -> Place:
-        """The place to show at t_ns (not decreasing) for eyes that look from target.
+        """The place to show at t_ns (not decreasing) for eyes at target.
 
-        motion: steps of the target that the motion of the eyes explains in so many seconds.
+        motion: function from seconds to the steps of the target that the eyes' motion explains.
         """
         dt_s = max(t_ns - self._t_ns, 0) / 1e9
         self._t_ns = t_ns
@@ -293,11 +291,11 @@ class ViewEasing:
 # no common multiple within eight minutes: no visible loop
 PERIOD_COLS_S, PERIOD_ROWS_S = 17.0, 29.0
 REACH = 0.7  # of the way from the middle of the grid to its edge
-EYE_DISTANCE_VIEWS = 1.0  # at most, between the eyes, before any eyes were seen
+EYE_DISTANCE_VIEWS = 1.0  # maximum before any eyes were seen
 
 
 def idle_place(neutral: Place, grid: tuple[int, int], t_s: float) -> Place:
-    """The neutral place after t_s with nobody there: it sways slowly through grid (rows, cols)."""
+    """The neutral place after t_s without a viewer: it sways slowly through grid (rows, cols)."""
     row, left, right = neutral
     rows, cols = grid
     row += REACH * (rows - 1) / 2 * math.sin(math.tau * t_s / PERIOD_ROWS_S)

@@ -1,4 +1,4 @@
-"""The viewer before the screen: from the position of the eyes to the two viewpoints and the
+"""The viewer in front of the screen: from the position of the eyes to both viewpoints and the
 picture.
 """
 
@@ -34,43 +34,43 @@ from lfpipe.render.viewer.presence import (
 from lfpipe.scene.lightfield import LightField
 from lfpipe.transport.clock import SECOND_NS
 
-# Time constants by which alpha follows the viewer's distance, seen as the distance between the
-# eyes: quickly to another distance, so that depth never stays beyond comfort; slowly where the
-# difference is the noise of a measurement.
+# Time constants by which alpha follows the viewer's distance (measured as the eye distance): fast
+# for another distance, so that depth never stays beyond comfort; slow for measurement noise.
 DISTANCE_S = 0.1
 STILL_S = 1.0
 STILL = 0.02
-# Time constant of the neutral position before it is measured, while the eyes stand still.
+# Time constant of the neutral position before it is measured, while the eyes are still.
 SETTLE_S = 0.25
-KNOWN_S = 0.25  # after which the motion of a face that was just found is believed
-POSE_S = 0.1  # time constant of the distance that gives the position before the screen
+KNOWN_S = 0.25  # after which the motion of a face that was just found is trusted
+POSE_S = 0.1  # time constant of the distance for the position in front of the screen
 MOVED = 0.01  # change of the distance after which the views between the eyes are chosen again
 
-# From a video's start to its first blank, in refreshes. On 60, 75 and 144 Hz, frames of 24, 25 and
+# From a video's start to its first vblank, in refreshes. On 60, 75 and 144 Hz, frames of 24, 25 and
 # 30 Hz begin at multiples of 1, 1/2 or 1/5 of a refresh (once 1/8, once 1/25): 0.3 keeps a tenth
-# away from all blanks. At a blank, noise would choose the frame.
+# away from all vblanks. At a vblank, noise would choose the frame.
 VIDEO_LEAD = 0.3
 
 LARGE_PX = 1 << 20  # of a picture: drawing one takes most of a refresh of 60 Hz
 
 
 class Viewpoints(NamedTuple):
-    """The viewpoints of a picture.
-
-    eyes_px: after filter and prediction. left, right: (row, col). frame: of a video.
-    """
+    """The viewpoints of a picture."""
 
     eyes_px: Eyes
+    """After filter and prediction."""
     left: Position
+    """(row, col)."""
     right: Position
+    """(row, col)."""
     frame: int
+    """Of a video."""
 
 
 class Viewer:
     """Holds the neutral position, alpha and the compositor; a changed configuration or scene keeps
     the position.
 
-    Positions are px of the camera picture; where the camera's pose is known, of the picture that a
+    Positions are px of the camera picture or, if the camera's pose is known, of the picture that a
     camera in the middle of the screen would take (`CameraPose`). All arithmetic uses plain numbers,
     which cost a tenth of numpy's small arrays.
     """
@@ -83,9 +83,9 @@ class Viewer:
         neutral_is_fixed: bool = False,
         helper: Executor | None = None,
     ) -> None:
-        """sways_alone: the picture moves while nobody is there. neutral_is_fixed: to the middle of
-        the camera picture, around which the mouse moves. helper: a thread on another core, for half
-        of a large picture.
+        """sways_alone: the picture moves while there is no viewer. neutral_is_fixed: the neutral
+        position is the middle of the camera picture, as for the mouse. helper: a thread on another
+        core, for half of a large picture.
         """
         self._helper = helper
         self.parallax: Parallax | None = None
@@ -128,7 +128,7 @@ class Viewer:
 
     def complete(self, field: LightField, config: Config) -> None:
         """Sets the same scene, now with its disparity: viewpoint, neutral position and views
-        between the eyes stay, or follow.
+        between the eyes are kept, or eased.
         """
         self.field = field
         self.set_quality(config)
@@ -166,8 +166,8 @@ class Viewer:
     def viewpoints(
         self, record: EyesRecord | None, t_sensor_ns: int, t_shown_ns: int, lead_ns: int = 0
     ) -> Viewpoints:
-        """The viewpoints at t_shown_ns, from the newest eyes record and its frame's stamp; None if
-        nobody was seen yet. lead_ns: from a video's start to the time of its first picture.
+        """The viewpoints at t_shown_ns, from the newest eyes record and its frame's stamp; None
+        before the first face. lead_ns: from a video's start to the time of its first picture.
         """
         frame = 0
         if self._is_video:
@@ -231,8 +231,8 @@ class Viewer:
         return used_px, left, right
 
     def _place_alone(self, neutral: Place, t_shown_ns: int, absent: bool) -> Place:
-        """The place without a face, on the way to the neutral one; with sways_alone and nobody
-        there, around it.
+        """The place without a face, gliding to the neutral one; with sways_alone and no viewer,
+        around it.
         """
         if self._sways_alone and (absent or self.presence.state is ViewerState.NOBODY):
             self._alone_ns = t_shown_ns if self._alone_ns is None else self._alone_ns
@@ -241,7 +241,7 @@ class Viewer:
         return self._easing.alone(t_shown_ns, neutral)
 
     def _measure_motion(self, record: EyesRecord, t_sensor_ns: int) -> None:
-        """Measures the speed of the raw eyes: that of a filter lacks the latest motion, or all."""
+        """Measures the speed of the raw eyes; filters lag behind it, or report none."""
         last, last_ns = self._raw or (record, t_sensor_ns)
         same = self._raw is not None and record.generation == last.generation
         self._raw = (record, t_sensor_ns) if record.face else None
@@ -254,7 +254,7 @@ class Viewer:
             self._raw_px_s = (x - was_x) / dt_s, (y - was_y) / dt_s
 
     def _explained(self, dt_s: float) -> Place:
-        """Steps on the grid that the motion of the eyes explains in dt_s: none of a face that was
+        """Steps on the grid that the motion of the eyes explains in dt_s: none for a face that was
         just found, and none while the eyes drag the neutral position along.
         """
         assert self.solver is not None
@@ -289,7 +289,7 @@ class Viewer:
     def _follow_presence(
         self, generation: int, t_sensor_ns: int, solver: ViewSolver, eyes_px: Eyes | None
     ) -> None:
-        """Measures neutral position and distance when somebody has come to rest."""
+        """Measures neutral position and distance when a viewer has come to rest."""
         here = None if eyes_px is None else Rest(*middle_of(eyes_px), self._near_px)
         beyond = eyes_px is not None and solver.beyond(eyes_px)
         rest = self.presence.update(t_sensor_ns, here, generation, beyond)
@@ -300,8 +300,8 @@ class Viewer:
     def _follow_neutral(
         self, solver: ViewSolver, centre_px: tuple[float, float], eyes_px: Eyes | None, dt_s: float
     ) -> None:
-        """Moves alpha with the distance; until a rest is measured, the grid follows the eyes, and
-        whoever stands still comes to its middle.
+        """Moves alpha with the distance; until a rest is measured, the grid follows the eyes and is
+        centred on still ones.
         """
         assert self.parallax is not None
         if eyes_px is not None and abs(self._eye_distance_px / self.parallax.eyes_px - 1) > MOVED:
@@ -347,7 +347,7 @@ class Viewer:
 
 def _predicted(record: EyesRecord, prediction_ns: int) -> Eyes | None:
     """The eyes after prediction_ns, as `lfpipe.eyes.extrapolated`; None if impossible: a NaN would
-    stay in the averages for ever.
+    persist in the running averages.
     """
     s = min(max(prediction_ns, 0) / 1e9, MAX_PREDICTION_S)
     (lx, ly, rx, ry), (u, v, p, q) = record.filtered_px, record.velocity_px_s
@@ -369,7 +369,7 @@ def _towards(
 
 
 def _is_absent(t_sensor_ns: int, t_shown_ns: int) -> bool:
-    """Whether no frame has come for so long that its viewer has gone."""
+    """Whether the last frame is so old that the viewer counts as absent."""
     return t_shown_ns - t_sensor_ns > ABSENT_S * SECOND_NS
 
 

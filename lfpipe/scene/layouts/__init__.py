@@ -1,5 +1,5 @@
-"""The layouts light fields come in, by module. A new one is one file here with NAME, `detect` and
-`describe`, or with several of them as LAYOUTS.
+"""The layouts of light fields, by module. To add one, add a module here with NAME, `detect` and
+`describe`, or with several layouts in LAYOUTS.
 """
 
 import importlib
@@ -48,7 +48,7 @@ def describe(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:
     """The scene at path by the layout that scene.layout names, else by the most specific one that
     matches.
 
-    Raises UserError where there is nothing, no layout matches, or the scene is damaged.
+    Raises UserError if path does not exist, no layout matches, or the scene is damaged.
     """
     known = layouts()
     if scene.layout not in ("auto", *known):
@@ -64,10 +64,10 @@ def describe(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:
             error.message.replace("\n", r"\n"), error.remedy.replace("\n", r"\n")
         ) from None
     grid = parse_grid(scene.grid)
-    # a quilt's says how its one row is laid out
+    # for a quilt, scene.grid gives the arrangement of its one row
     if grid is not None and math.prod(grid) != source.rows * source.cols:
         wrong = (
-            f"the layout {source.layout} has {source.rows}x{source.cols} views, scene.grid says"
+            f"the layout {source.layout} has {source.rows}x{source.cols} views, but scene.grid is"
             f" {scene.grid}"
         )
         raise UserError(f"{path}: {wrong}", "leave out scene.grid")
@@ -77,8 +77,8 @@ def describe(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:
 def _described_by_any(
     known: dict[str, Layout], path: str | os.PathLike[str], scene: config.Scene
 ) -> SceneSource:
-    """The scene at path, without layouts of other packages that fail. Raises UserError, also if
-    scene.layout names one of them.
+    """The scene at path; skips plug-in layouts that fail. Raises UserError, also if scene.layout
+    names one of them.
     """
     failed: list[str] = []
     while True:
@@ -93,7 +93,7 @@ def _described_by_any(
             return attrs.evolve(source, notes=(*source.notes, *failed))
 
 
-_CONVERTED = {  # what other programs turn into pictures, by the ends of names
+_CONVERTED = {  # files that other programs convert to pictures, by suffix
     (".lfp", ".lfr", ".lfx"): (
         "a raw picture of a Lytro camera",
         "decode it with PlenoptiCam or LFToolbox and give the folder of its views",
@@ -101,9 +101,9 @@ _CONVERTED = {  # what other programs turn into pictures, by the ends of names
     (".heic", ".heif"): (
         "a HEIC picture, which needs another package",
         (
-            f"{install_command('pillow-heif')}; or `heif-convert FILE.heic FILE.jpg` in an"
-            " empty folder: of a spatial photo it writes two files, and with --with-aux the depth"
-            " of a portrait; give that folder"
+            f"{install_command('pillow-heif')}; or run `heif-convert FILE.heic FILE.jpg` in an"
+            " empty folder and give that folder: it writes two files for a spatial photo and, with"
+            " --with-aux, the depth of a portrait"
         ),
     ),
     (".jxl", ".psd", ".exr"): (
@@ -120,7 +120,7 @@ _CONVERTED = {  # what other programs turn into pictures, by the ends of names
     (".zip", ".tar", ".gz", ".rar", ".7z"): ("an archive", "unpack it and give the folder"),
 }
 _HOLDS_ALL = (".npy", ".npz", ".mat", ".h5", ".hdf5", *VIDEOS)  # files that may be scenes
-_BESIDE = (  # what lies beside views and says nothing of them
+_BESIDE = (  # files that accompany views without describing them
     ".txt",
     ".md",
     ".cfg",
@@ -149,8 +149,8 @@ _BESIDE = (  # what lies beside views and says nothing of them
 
 
 def _require_pictures(listing: Listing, certain: bool) -> None:
-    """Raises UserError where most files need another program first, or (unless certain) of a kind
-    that is not read here.
+    """Raises UserError if most files must be converted first, or (unless certain) have a format
+    that lfpipe does not read.
     """
     pictures = listing.pictures()
     for ends, (what, remedy) in _CONVERTED.items():
@@ -168,21 +168,20 @@ def _require_pictures(listing: Listing, certain: bool) -> None:
         remedy = f"; {pictures[0]} alone: give {listing.folder / pictures[0]}" if pictures else ""
         raise UserError(
             f"{listing.path}: {count} of {len(listing.names)} files have a format that lfpipe"
-            " does not"
-            f" read: {some}, ...",
+            f" does not read: {some}, ...",
             f"convert them to PNG and give their folder{remedy}",
         )
 
 
 def _source_of(known: dict[str, Layout], given: Listing, scene: config.Scene) -> SceneSource:
-    """The scene by the most specific layout that matches, else of the pictures below the folder.
+    """The scene by the most specific layout that matches, else the pictures in subfolders.
 
     Raises UserError.
     """
     tries = list(known.values()) if scene.layout == "auto" else [known[scene.layout]]
     listing = given
     mark, layout = _match(tries, given)
-    # 10: a layout of last resort, which pictures below the folder outweigh
+    # 10: a layout of last resort; pictures in subfolders take precedence
     inner = inner_listing(given) if mark <= 10 else None
     if inner is not None:
         listing = inner
@@ -197,7 +196,7 @@ def _source_of(known: dict[str, Layout], given: Listing, scene: config.Scene) ->
         else _checked(known, mark, layout, listing, scene)
     )
     source = layout.describe(listing, scene)
-    if isinstance(layout, Guarded):  # of another package
+    if isinstance(layout, Guarded):  # a plug-in
         source = attrs.evolve(source, read=layout.guard(source, {"read": np.ndarray}).read)
     if inner is not None:
         source = attrs.evolve(
@@ -207,8 +206,8 @@ def _source_of(known: dict[str, Layout], given: Listing, scene: config.Scene) ->
 
 
 def _match(tries: list[Layout], listing: Listing) -> tuple[int, Layout | None]:
-    """The layout that matches most specifically, and how specific that is; (0, None) where none
-    does. Raises UserError where that is because a file cannot be read.
+    """The layout that matches most specifically, with its mark; (0, None) if none matches. Raises
+    UserError if none matches because a file is unreadable.
     """
     marks = []
     unreadable: UserError | None = None
@@ -231,13 +230,13 @@ def _checked(
     listing: Listing,
     scene: config.Scene,
 ) -> Layout:
-    """The layout of a scene, unless there is none or the picture is a raw one. Raises UserError."""
+    """The layout of a scene. Raises UserError if there is none, or for a raw plenoptic picture."""
     if layout is known["picture"] and math.prod(parse_grid(scene.grid) or (1,)) > 1:
-        return known["mosaic"]  # the user's word: its tiles are unlike each other, or resized
+        return known["mosaic"]  # set by the user: its tiles differ from each other, or are resized
     if layout is None:
         names = listing.names or listing.folders
         some = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
-        remedy = "give the folder of the views, or one file that holds them all by its own path"
+        remedy = "give the folder of the views, or one file that contains them all by its own path"
         if single := [name for name in listing.names if name.lower().endswith(_HOLDS_ALL)]:
             remedy = f"give {listing.folder / single[0]}"
         if listing.pictures():
@@ -245,7 +244,7 @@ def _checked(
         raise UserError(
             f"{listing.path}: no layout of a light field was recognised ({some})", remedy
         )
-    path = single_picture(listing) if mark < 90 else None  # others say what they are
+    path = single_picture(listing) if mark < 90 else None  # formats of 90 identify themselves
     if path is None or not is_honeycomb(read_picture(path)[0]):
         return layout
     if not scene.force:

@@ -1,5 +1,5 @@
-"""Depth maps inside JPEGs, as phones write portrait photographs: GDepth (in extended XMP) and
-Dynamic Depth (appended items). Those of HEIC pictures are images of their own.
+"""Depth maps inside JPEGs, as in portrait photographs by phones: GDepth (in extended XMP) and
+Dynamic Depth (appended items). HEIC files store depth maps as separate images.
 
 GDepth: https://developers.google.com/depthmap-metadata/reference; Dynamic Depth 1.0, an XMP
 directory of the items after the picture; XMP Part 3 (Adobe) for its parts in a JPEG. In both,
@@ -24,13 +24,13 @@ from lfpipe.scene.files import read_bytes
 HEIC = (".heic", ".heif")
 MAX_BYTES = 60_000_000  # of a photograph with its embedded items
 _XMP = b"http://ns.adobe.com/xap/1.0/\0"
-# a part's size and place
+# size and offset of a part
 _MORE = re.compile(rb"\xff\xe1(..)http://ns\.adobe\.com/xmp/extension/\0.{36}(.{4})", re.DOTALL)
 _ITEM = re.compile(rb"<\w+:Item\b([^>]{0,2000})>")
 
 
 def _packet(data: bytes) -> bytes:
-    """The XMP of a JPEG, b"" without."""
+    """The XMP of a JPEG; b"" if it has none."""
     at = data.find(_XMP)
     return data[at : at - 2 + int.from_bytes(data[at - 2 : at])] if at >= 0 else b""
 
@@ -43,8 +43,8 @@ def _value(xmp: bytes, name: bytes) -> bytes | None:
 
 
 def _depth_item(packet: bytes, data: bytes) -> bytes | None:
-    """The depth item of the directory in a picture's XMP, None without one: items follow the
-    picture to the end of the file.
+    """The depth item of the directory in a picture's XMP; None if there is none. Items are
+    appended to the picture, up to the end of the file.
     """
     end = len(data)
     for item in reversed(_ITEM.findall(packet)):

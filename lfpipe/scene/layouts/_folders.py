@@ -1,4 +1,4 @@
-"""Scenes whose pictures stand below the folder that was given: one folder per row, or all in the
+"""Scenes whose pictures are in subfolders of the given folder: one folder per row, or all in the
 only folder with pictures.
 """
 
@@ -21,9 +21,9 @@ _BESIDE = ("__macosx", "raw", "thumbs", "thumbnails", "original", "originals", "
 
 
 def inner_listing(listing: Listing, deepest: int = _DEEPEST) -> Listing | None:
-    """The pictures below a folder, as names with a slash or as the only inner folder; None if there
-    are none, or no more than in the folder itself. Raises UserError if folders hold scenes of their
-    own.
+    """The pictures in subfolders, as names with a slash or as the only inner folder; None if there
+    are none, or no more than in the folder itself. Raises UserError if the subfolders are separate
+    scenes.
     """
     own = len(listing.pictures())
     below = None if listing.is_file else _inner(listing, deepest)
@@ -56,9 +56,9 @@ def _inner(listing: Listing, deepest: int) -> Listing | None:
     if len(rows) < len(inner) or not _are_rows(list(rows), names):
         most = max(rows, key=lambda name: len(rows[name].pictures()))
         raise UserError(
-            f"{listing.path}: pictures stand in {len(rows)} folders: {', '.join(list(rows)[:4])}",
-            f"give one of them, {listing.path / most}; folders that are rows of one scene are named"
-            " row_01, row_02",
+            f"{listing.path}: pictures are in {len(rows)} folders: {', '.join(list(rows)[:4])}",
+            f"give one of them, {listing.path / most}; if the folders are rows of one scene, name"
+            " them row_01, row_02",
         )
     return attrs.evolve(listing, names=names, folders=())
 
@@ -75,14 +75,14 @@ def depth_folders(listing: Listing) -> tuple[str, str] | None:
 
 
 def _only_below(name: str, one: Listing) -> tuple[str, Listing]:
-    """A folder, or the only one in it: cam0/data."""
+    """A folder, or its only subfolder: cam0/data."""
     while not one.names and len(one.folders) == 1 and name.count("/") < _DEEPEST:
         name, one = f"{name}/{one.folders[0]}", _listed(one, one.folders[0])
     return name, one
 
 
 def _listed(listing: Listing, name: str) -> Listing:
-    """A subfolder; as an empty one if it cannot be read."""
+    """The listing of a subfolder; empty if it is unreadable."""
     with contextlib.suppress(UserError):
         return list_scene(listing.file(name))
     return attrs.evolve(
@@ -91,7 +91,7 @@ def _listed(listing: Listing, name: str) -> Listing:
 
 
 def note_of(given: Listing, inner: Listing) -> str:
-    """Which pictures below a folder were taken, and which were not; "" for all of them."""
+    """A note of the used and unused pictures of a folder; "" if all are used."""
     parts = inner.path.relative_to(given.path).parts
     at = given
     others = [] if parts else given.pictures()
@@ -106,9 +106,9 @@ def note_of(given: Listing, inner: Listing) -> str:
 
 
 def _are_rows(folders: list[str], names: tuple[str, ...]) -> bool:
-    """Whether names of folders differ in one number or letter only, or are those of the two eyes'
-    pictures; and names of the pictures in them leave nothing open: a grid in each folder is a scene
-    in each.
+    """Whether folders are rows of one scene: their names differ in one number or letter only, or
+    are those of a stereo pair, and the names of their pictures are unambiguous. A grid in each
+    folder means one scene per folder.
     """
     sides = [side_of(name) for name in folders]
     if len(sides) == 2 and sides[0] and sides[1] and sides[0][0] == sides[1][0]:

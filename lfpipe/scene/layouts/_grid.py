@@ -1,4 +1,4 @@
-"""One picture file per view: from the numbers in the names to a grid of views. A note names unused
+"""One picture file per view: maps the numbers in the names to a grid of views. A note lists unused
 files.
 """
 
@@ -22,7 +22,7 @@ from lfpipe.scene.source import GridTransform, SceneSource, ViewIndex
 
 LOSSY = (".jpg", ".jpeg", ".webp", ".avif", ".gif")
 MIN_VIEW_PX = 12  # side of a view: a smaller one shows nothing
-_SMALL_PX = 96 * 128  # of pictures that the columns of a running number follow from
+_SMALL_PX = 96 * 128  # of pictures compared to find the columns of a running number
 GRID_REMEDY = (
     "state the grid: `lfpipe scene describe FOLDER --grid ROWSxCOLS`; or name the views"
     " view_ROW_COLUMN.png, or give one picture by its own path"
@@ -30,7 +30,7 @@ GRID_REMEDY = (
 
 
 def parse_grid(text: str) -> ViewIndex | None:
-    """`scene.grid` as (rows, cols), None where empty. Raises UserError."""
+    """`scene.grid` as (rows, cols); None if empty. Raises UserError."""
     if not text:
         return None
     numbers = re.fullmatch(r"\s*(\d{1,4})\s*[xX×]\s*(\d{1,4})\s*", text)
@@ -43,7 +43,7 @@ def parse_grid(text: str) -> ViewIndex | None:
 
 
 def require_grid(rows: int, cols: int, what: str) -> None:
-    """Raises UserError if the grid is too large. what: where it is stated."""
+    """Raises UserError if the grid is too large. what: its source, for the message."""
     if not (1 <= rows <= MAX_SIDE and 1 <= cols <= MAX_SIDE and rows * cols <= MAX_FILES):
         raise UserError(
             f"{what}: the grid has {rows}x{cols} views; at most {MAX_SIDE} along a side and"
@@ -53,7 +53,9 @@ def require_grid(rows: int, cols: int, what: str) -> None:
 
 
 def require_view(height: int, width: int, sample_bytes: int, what: str) -> None:
-    """Raises UserError if views are too large or too small. what: where the size is stated."""
+    """Raises UserError if views are too large or too small. what: source of the size, for the
+    message.
+    """
     if min(height, width) < MIN_VIEW_PX:
         raise UserError(
             f"{what}: views have {width}x{height} px; a side has at least {MIN_VIEW_PX}",
@@ -79,7 +81,7 @@ def true_max(values: list[int], full: int) -> int:
 
 
 def some(names: Sequence[str], most: int = 4) -> str:
-    """The first names of a list, and how many more there are."""
+    """The first names of a list, and the number of the others."""
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
@@ -91,9 +93,9 @@ def files_source(
     headers: Mapping[str, Header] | None = None,
     **more: Any,
 ) -> SceneSource:
-    """A SceneSource that reads one picture file per view; places without a name are missing. Size
-    and depth are those of the middle view; raises UserError where a view has others. headers: by
-    name, where known; more: further fields of SceneSource.
+    """A SceneSource that reads one picture file per view; indices without a name are missing views.
+    Size and bit depth are those of the middle view; raises UserError for a view that differs.
+    headers: by name, if known; more: further fields of SceneSource.
     """
     files = {place: listing.file(name) for place, name in views.items()}
     middle = min(
@@ -151,8 +153,8 @@ def files_source(
 
 @lru_cache(maxsize=2)
 def _one_per_stem(listing: Listing) -> tuple[str, ...]:
-    """The pictures of a folder, one of each name: of a view in several formats the one in colour,
-    then the lossless one.
+    """The pictures of a folder, one per stem: of a view in several formats, the one in colour, then
+    the lossless one.
     """
     stems: defaultdict[str, list[str]] = defaultdict(list)
     for name in listing.pictures():
@@ -168,12 +170,12 @@ def _one_per_stem(listing: Listing) -> tuple[str, ...]:
 
 
 def named_views(listing: Listing) -> NumberedNames | None:
-    """What the names of a folder's pictures say; None where they are not numbered."""
+    """The interpretation of the names of a folder's pictures; None if they are not numbered."""
     return read_names(_one_per_stem(listing))
 
 
 def _headers(listing: Listing, names: Sequence[str]) -> tuple[dict[str, Header], set[str]]:
-    """The headers of pictures, and the names of those few that have another size than the rest."""
+    """The headers of pictures, and the names of the few whose size differs from the rest."""
     headers = {name: open_header(listing.file(name)) for name in names}
     usual, count = Counter(header.size for header in headers.values()).most_common(1)[0]
     return headers, {
@@ -214,7 +216,7 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
     note = ""
     if not runs and grid not in (None, (numbered.rows, numbered.cols)):
         wrong = (
-            f"the names give a grid of {numbered.rows}x{numbered.cols}, scene.grid says"
+            f"the names give a grid of {numbered.rows}x{numbered.cols}, but scene.grid is"
             f" {scene.grid}"
         )
         raise UserError(
@@ -256,19 +258,19 @@ def _laid_out(
 
 
 def misfit(what: str, count: int, grid: ViewIndex | None) -> UserError:
-    """The error for so many views that do not make the user's grid."""
+    """The error for a number of views that does not fill the user's grid."""
     rows, cols = grid or (1, count)
     return UserError(
-        f"{what}: {count} views do not make {rows}x{cols}",
-        "give the grid that they make with --set scene.grid=ROWSxCOLS, or none to have it detected",
+        f"{what}: {count} views do not fill {rows}x{cols}",
+        "correct --set scene.grid=ROWSxCOLS, or leave it out to have the grid detected",
     )
 
 
 def described_run(run: Running, grid: ViewIndex | None) -> str:
-    """How numbered views fill their grid, for people."""
+    """A description of how numbered views fill their grid, for people."""
     how = f"{run.rows}x{run.cols}" + (", every other row backwards" if run.snake else "")
     why = (
-        "as scene.grid says"
+        "set by scene.grid"
         if grid
         else "from the likeness of the pictures; --set scene.grid=ROWSxCOLS overrides it"
     )
@@ -282,8 +284,8 @@ def placed_views(
     shape: ViewIndex | None = None,
     **more: Any,
 ) -> SceneSource:
-    """The scene of pictures whose names say their rows and columns. shape: the grid; without it,
-    numbers may start anywhere and go in equal steps (rows 0, 4, 8). more: further fields of
+    """The scene of pictures whose names contain row and column. shape: the grid; if None, numbers
+    may start anywhere and increase in equal steps (rows 0, 4, 8). more: further fields of
     SceneSource. Raises UserError.
     """
     headers, odd = _headers(listing, list(places))
@@ -309,7 +311,7 @@ def _views_source(
     **more: Any,
 ) -> SceneSource:
     """The scene of views by grid index, with a note of unused pictures. Raises UserError if two
-    views have one index, or too many indices no view.
+    views have the same index, or too many indices have no view.
     """
     rows, cols, views = numbered.rows, numbered.cols, numbered.views
     if numbered.clashes:
@@ -319,20 +321,20 @@ def _views_source(
             f"move {some([name for _, name in numbered.clashes])} away, or name the views"
             " view_ROW_COLUMN.png"
         )
-        others = f", as {pairs} more pairs are" if pairs else ""
+        others = f", and so are {pairs} more pairs" if pairs else ""
         raise UserError(f"{listing.path}: {first} and {second} are the same view{others}", remedy)
     require_grid(rows, cols, str(listing.path))
     holes = [place for place in np.ndindex(rows, cols) if place not in views]
-    # the packer makes missing views from their neighbours
+    # the packer fills in missing views from their neighbours
     if len(holes) > 0.25 * rows * cols:
         raise UserError(
-            f"{listing.path}: the names span {rows}x{cols} views, {len(views)} files are there",
+            f"{listing.path}: the names span {rows}x{cols} views, but there are {len(views)} files",
             "give a folder with a whole row or a whole grid of one scene",
         )
     notes = [note] if note else []
     if holes:
         where = some([f"row {row} column {col}" for row, col in holes])
-        notes.append(f"{len(holes)} of {rows}x{cols} views missing, made from others: {where}")
+        notes.append(f"{len(holes)} of {rows}x{cols} views missing, filled in from others: {where}")
     used = set(views.values())
     names = listing.pictures()
     sizes = {headers[name].size for name in used}
@@ -366,7 +368,7 @@ def coordinate_turn(camera_positions: NDArray[np.float64]) -> GridTransform | No
     down_by_row, right_by_row = by_row[-1] - by_row[0]
     down_by_col, right_by_col = by_col[-1] - by_col[0]
     straight, crossed = abs(down_by_row) + abs(right_by_col), abs(right_by_row) + abs(down_by_col)
-    if not abs(straight - crossed) > 0:  # equal, or not known
+    if not abs(straight - crossed) > 0:  # equal, or unknown
         return None
     if straight > crossed:
         return GridTransform(rows=bool(down_by_row < 0), cols=bool(right_by_col < 0))

@@ -1,9 +1,9 @@
-"""The numbers in the names of pictures: which two are row and column, and which one is a running
-number. docs/layouts.md states the rules.
+"""Interprets the numbers in the names of pictures: row and column, or a running number.
+docs/layouts.md states the rules.
 
-A name is split into texts and numbers; names with the same texts are a family. Two numbers are row
-and column if each pair of values occurs once and the pairs fill a lattice; a number that differs in
-every name is a running number, or a counter beside them.
+A name is split into texts and numbers; names with the same texts form a family. Two numbers are row
+and column if each pair of values occurs once and the pairs fill a lattice. A number that differs in
+every name is a running number, or an additional counter.
 """
 
 import math
@@ -25,17 +25,17 @@ MAPS = re.compile(
     r"|(?<![a-z])gt|(?<![a-z])class(es)?(?![a-z])",
     re.IGNORECASE,
 )
-# Names of the two eyes' pictures, by language.
+# Names of left and right, by language.
 LEFT = ("left", "l", "links", "gauche", "izquierda", "sinistra")
 RIGHT = ("right", "r", "rechts", "droite", "derecha", "destra")
 SIDES = re.compile(rf"(?<![a-z])({'|'.join(LEFT + RIGHT)})(?![a-z])")
-# words before numbers that count no views
+# words before numbers that do not count views
 _FRAME_WORDS = ("f", "fr", "frame", "frames", "time", "ev", "exp", "exposure", "iso", "take")
-_RUN = 0.9  # score of a name of a run; of a name of a grid it is 1
+_RUN = 0.9  # score of a name in a run; 1 in a grid
 _WHOLE = 0.2  # added to the score of a grid without gaps; less with gaps
 _PLAIN = 0.002  # added to the score of a grid whose numbers count from 0 or 1 in steps of 1
-_CLEAR = 0.001  # lead on the second-best score that leaves no doubt
-_UNIT = 10**9  # of numbers, which have up to nine decimals
+_CLEAR = 0.001  # lead over the second-best score that is unambiguous
+_UNIT = 10**9  # fixed-point scale of numbers, which have up to nine decimals
 MAX_SIDE = 10_000  # views along one side of a grid
 
 
@@ -44,7 +44,7 @@ _COPY = re.compile(r"(.*?)([-_ ]?\(|[-_ ])(\d{1,5})(\)?)", re.DOTALL)
 
 @attrs.frozen(kw_only=True)
 class NumberedNames:
-    """A family of names, and what their numbers mean."""
+    """A family of names, and the meaning of their numbers."""
 
     views: dict[ViewIndex, str]  # names by (row, column) from (0, 0), or by (0, position)
     rows: int
@@ -52,13 +52,13 @@ class NumberedNames:
     runs: bool  # whether one number runs
     clashes: tuple[tuple[str, str], ...] = ()  # pairs of names for one grid index
     doubt: str = ""  # what the names leave ambiguous, "" for nothing
-    explained: int = 0  # number of names with a grid index, or with another frame of one
+    explained: int = 0  # number of names with a grid index, or with another frame of an index
     share: float = 0.0  # share of the grid that has names
 
 
 def side_of(stem: str) -> tuple[str, bool] | None:
-    """(the rest of a name, whether it is the left eye's), by the last word for a side; None without
-    one.
+    """(the rest of a name, whether it is the left view), by the last word for a side in it; None if
+    there is none.
     """
     words = list(SIDES.finditer(stem.lower().replace("_", " ")))
     if not words:
@@ -67,8 +67,8 @@ def side_of(stem: str) -> tuple[str, bool] | None:
 
 
 def spaced(values: Collection[int]) -> tuple[int, int, int]:
-    """The lowest of some numbers, their step (the largest that leads to all of them), and how many
-    such steps there are, with the first.
+    """The lowest of some numbers, their step (the greatest common divisor of the differences), and
+    the number of values from the lowest to the highest in such steps.
     """
     low = min(values)
     step = math.gcd(*(value - low for value in values)) or 1
@@ -77,14 +77,14 @@ def spaced(values: Collection[int]) -> tuple[int, int, int]:
 
 @attrs.frozen(slots=False)
 class _Column:
-    """One number of a family's names, in units of 1e-9. word: the letters before it."""
+    """One number of a family's names."""
 
-    numbers: tuple[int, ...]
-    word: str
+    numbers: tuple[int, ...]  # by name, in units of 1e-9
+    word: str  # the letters before it
 
     @classmethod
     def of(cls, texts: tuple[str, ...], before: str) -> "_Column":
-        # and no sign, where every number has it
+        # without the sign if every number has it
         separator = all(text.startswith("-") for text in texts)
         word = re.search(r"([a-z]+)[^a-z]*$", before)
         return cls(tuple(_value(text[separator:]) for text in texts), word[1] if word else "")
@@ -100,30 +100,30 @@ class _Column:
 
     @property
     def count(self) -> int:
-        """How many places there are in equal steps."""
+        """The number of values from the lowest to the highest in equal steps."""
         return self.steps[2]
 
     @property
     def places(self) -> list[int]:
-        """By name, the place of its number."""
+        """By name, the index of its number in equal steps."""
         low, step, _ = self.steps
         return [(number - low) // step for number in self.numbers]
 
     def ordered(self) -> "_Column":
-        """The order of the numbers in their place: without gaps."""
+        """The column with the ranks of its numbers instead of the numbers: without gaps."""
         order = {value: position * _UNIT for position, value in enumerate(self.values)}
         return attrs.evolve(self, numbers=tuple(order[number] for number in self.numbers))
 
 
 def _value(text: str) -> int:
-    """A number in units of 1e-9; of a letter, its place in the alphabet."""
+    """A number in units of 1e-9; for a letter, its index in the alphabet."""
     if text.isalpha():
         return _UNIT * (ord(text.lower()) - ord("a"))
     whole, _, decimals = text.partition(".")
     return int(whole + decimals.ljust(9, "0"))
 
 
-_READINGS = {  # ways to find the numbers in names, the likeliest first
+_READINGS = {  # patterns of the numbers in names, the likeliest first
     "signs after a separator": re.compile(rf"(?:{_SIGNED}|[0-9]{{1,18}}){_DECIMAL}"),
     "signs anywhere": re.compile(rf"[+-]?[0-9]{{1,18}}{_DECIMAL}"),
     "digits alone": re.compile(r"[0-9]{1,18}"),
@@ -132,7 +132,7 @@ _READINGS = {  # ways to find the numbers in names, the likeliest first
 
 
 def _stems(names: tuple[str, ...]) -> dict[str, str]:
-    """Names without suffixes; the first of numbered copies gets a number."""
+    """Names without suffixes; the unnumbered original of numbered copies gets a number."""
     stems = {name: name.rpartition(".")[0] for name in names}
     copies: defaultdict[str, list[tuple[int, str]]] = defaultdict(list)
     for stem in stems.values():
@@ -148,7 +148,7 @@ def _stems(names: tuple[str, ...]) -> dict[str, str]:
 def _families(
     stems: dict[str, str], pattern: re.Pattern[str]
 ) -> dict[tuple[str, ...], dict[str, tuple[str, ...]]]:
-    """By their texts, the names of each family and the numbers of each name."""
+    """The names of each family and the numbers of each name, by the family's texts."""
     families: defaultdict[tuple[str, ...], dict[str, tuple[str, ...]]] = defaultdict(dict)
     for name, stem in stems.items():
         numbers = tuple(pattern.findall(stem))
@@ -158,13 +158,14 @@ def _families(
 
 
 def _together(columns: Collection[_Column]) -> list[tuple[int, ...]]:
-    """By name, its numbers in these columns."""
+    """The numbers in these columns, by name."""
     return list(zip(*(column.numbers for column in columns), strict=True))
 
 
 def _way(numbered: NumberedNames, order: float = 0.0, frames: int = 1) -> Candidate[NumberedNames]:
-    """An interpretation with its score: how many names it explains (those of a run count less, so
-    that a grid of nearly all names beats it), then how full the grid is, then `order`.
+    """An interpretation with its score: the number of explained names (those of a run count less,
+    so that a grid of nearly all names beats it), then the share of the grid that is filled, then
+    `order`.
     """
     shape = f"a run of {numbered.cols}" if numbered.runs else f"{numbered.rows}x{numbered.cols}"
     return Candidate(
@@ -173,15 +174,15 @@ def _way(numbered: NumberedNames, order: float = 0.0, frames: int = 1) -> Candid
         value=numbered,
         measures={
             "names explained": numbered.explained,
-            "places with a name": numbered.share,
+            "indices with a name": numbered.share,
             "clashes": len(numbered.clashes),
         },
     )
 
 
 def _ways(names: list[str], columns: list[_Column]) -> list[Candidate[NumberedNames]]:
-    """Interpretations of a family's numbers, the likeliest first; the first one says so if the
-    second one is as likely.
+    """Interpretations of a family's numbers, the likeliest first. If the second one is equally
+    likely, the first one reports the ambiguity.
     """
     varying = [column for column in columns if len(column.values) > 1]
     keys = [column for column in varying if len(column.values) == len(names)]
@@ -194,7 +195,7 @@ def _ways(names: list[str], columns: list[_Column]) -> list[Candidate[NumberedNa
         counts = 3 * column.count <= 4 * len(names)  # numbers with large gaps count nothing
         places = column.places if counts else column.ordered().places
         ways.append(_way(placed(names, None, places, (1, max(places) + 1), counts)))
-    if not ways:  # the numbers together run
+    if not ways:  # all numbers together form a running number
         together = _together(varying) or [()] * len(names)
         order = {numbers: position for position, numbers in enumerate(sorted(set(together)))}
         places = [order[numbers] for numbers in together]
@@ -209,7 +210,8 @@ def _ways(names: list[str], columns: list[_Column]) -> list[Candidate[NumberedNa
         best = attrs.evolve(
             best,
             value=attrs.evolve(
-                best.value, doubt=f"what the numbers in the names count: {best.what}, or {near[0]}"
+                best.value,
+                doubt=f"the meaning of the numbers in the names: {best.what}, or {near[0]}",
             ),
         )
     return [best, *others]
@@ -221,7 +223,7 @@ def _grids(names: list[str], columns: list[_Column]) -> Iterator[Candidate[Numbe
         plain = all(column.steps[:2] in ((0, _UNIT), (_UNIT, _UNIT)) for column in (down, across))
         pairs = len(set(_together((down, across))))
         if pairs == len(names) == len(down.values) * len(across.values):
-            # then order counts where steps are uneven
+            # then the order decides if steps are uneven
             down, across = (
                 column.ordered() if column.count > 2 * len(column.values) else column
                 for column in (down, across)
@@ -237,7 +239,7 @@ def _grids(names: list[str], columns: list[_Column]) -> Iterator[Candidate[Numbe
 def _without_frames(
     names: list[str], frames: _Column, columns: list[_Column]
 ) -> Iterator[Candidate[NumberedNames]]:
-    """Interpretations of the other numbers, in the names of the first frame."""
+    """Interpretations of the other numbers, by the names of the first frame."""
     first = [at for at, number in enumerate(frames.numbers) if number == frames.values[0]]
     kept = [
         attrs.evolve(column, numbers=tuple(column.numbers[at] for at in first))
@@ -252,8 +254,8 @@ def _without_frames(
 def placed(
     names: list[str], rows: list[int] | None, cols: list[int], shape: ViewIndex, counts: bool = True
 ) -> NumberedNames:
-    """Names by grid index; of several for one, the first. rows: None for a running number; counts:
-    whether the numbers are indices, not only their order.
+    """Names by grid index; the first of several for one index. rows: None for a running number;
+    counts: whether the numbers themselves are indices, not only their order.
     """
     views: dict[ViewIndex, str] = {}
     clashes: list[tuple[str, str]] = []
@@ -274,7 +276,7 @@ def placed(
 
 
 def _frame_columns(varying: list[_Column], count: int) -> list[_Column]:
-    """The numbers that may count frames or exposures, if they and those of views fill a box: the
+    """The numbers that may count frames or exposures, if they and those of views fill a cuboid: the
     one after such a word, else each of three.
     """
     for columns in [*combinations(varying, 3), *combinations(varying, 2)]:
@@ -287,7 +289,7 @@ def _frame_columns(varying: list[_Column], count: int) -> list[_Column]:
 
 
 def _candidates(names: tuple[str, ...]) -> Iterator[Candidate[NumberedNames]]:
-    """Every family in each reading; stops where nothing can be better."""
+    """Every family in each reading; stops when no better one is possible."""
     stems = _stems(names)
     for reading, pattern in _READINGS.items():
         families = _families(stems, pattern)
@@ -315,6 +317,8 @@ def _candidates(names: tuple[str, ...]) -> Iterator[Candidate[NumberedNames]]:
 
 @lru_cache(maxsize=4)
 def read_names(names: tuple[str, ...]) -> NumberedNames | None:
-    """What the numbers of most of these names mean; None if no two differ in numbers alone."""
+    """The meaning of the numbers in most of these names; None if no two names differ in numbers
+    alone.
+    """
     order = ranked(f"the numbers in {len(names)} names", list(_candidates(names)))
     return order[0].value if order else None

@@ -2,7 +2,7 @@
 
 For each candidate grid, the difference between some pairs of views is correlated with their
 distance in the grid. The grid with the highest correlation wins; if another one comes close, the
-result says so.
+result is marked ambiguous.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,9 +18,9 @@ from lfpipe.scene.layouts._candidates import Candidate, ranked
 from lfpipe.scene.source import ViewIndex
 
 _SIDE_PX = 96  # of the small pictures that are compared
-SHORTEST_CIRCLE = 8  # views of a walk round something
-MAX_PICTURES = 64  # that are decoded
-# grid steps over which the difference saturates: far cameras differ at once, near ones slowly
+SHORTEST_CIRCLE = 8  # views of a walk around an object
+MAX_PICTURES = 64  # to decode
+# grid steps over which the difference saturates: short for wide baselines, long for narrow ones
 _REACHES = (1.5, 4.0, 12.0, 40.0)
 _CLEAR = 0.02  # lead in correlation of a clear grid
 
@@ -32,17 +32,17 @@ class Running:
     rows: int
     cols: int
     snake: bool = False
-    upwards: int = 0  # of a quilt: tiles in a row; its lowest row is the first
-    ring: bool = False  # on a circle, which is no line: its ends are neighbours
+    upwards: int = 0  # for a quilt: tiles in a row; its lowest row is the first
+    ring: bool = False  # a circle instead of a line: its ends are neighbours
     doubt: str = ""  # what stays ambiguous
-    score: float = 0.0  # how well it explains the likeness of the pictures, at most 1
+    score: float = 0.0  # correlation with the similarity of the pictures, at most 1
 
     @property
     def shape(self) -> ViewIndex:
         return self.rows, self.cols
 
     def index(self, position: int) -> ViewIndex:
-        """The grid index of a position of the run."""
+        """The grid index of a position in the run."""
         if self.upwards:
             row, col = divmod(position, self.upwards)
             position = (self.cols // self.upwards - 1 - row) * self.upwards + col
@@ -70,8 +70,8 @@ def _candidates(count: int, grid: ViewIndex | None) -> list[Running]:
 
 
 def _positions(present: Sequence[bool], tries: Sequence[Running]) -> list[int]:
-    """Positions to compare: all of a short run, else some in the middle and, for each candidate, a
-    row below them.
+    """Positions to compare: all of a short run, else some in the middle and, for each candidate,
+    those one row below.
     """
     count = len(present)
     if count <= MAX_PICTURES:
@@ -97,7 +97,7 @@ def _positions(present: Sequence[bool], tries: Sequence[Running]) -> list[int]:
 
 @attrs.frozen
 class Likeliest:
-    """The candidate that explains the likeness of the pictures best."""
+    """The candidate that explains the similarity of the pictures best."""
 
     run: Running
     score: float  # correlation of difference with distance in the grid
@@ -114,7 +114,7 @@ def likeliest(
 ) -> Likeliest:
     """The candidate that the pictures support best.
 
-    read(position): a view, any size; present: by position, whether there is one.
+    read(position): a view, any size; present: whether there is a view, by position.
     """
 
     @cache
@@ -133,7 +133,7 @@ def likeliest(
             for a, b in pairs
         ]
     )
-    # of equals the squarest grid, row by row
+    # among equals, the squarest grid, row by row
     order = ranked(
         f"how {len(present)} views in order fill a grid",
         [
@@ -159,9 +159,7 @@ def likeliest(
 def find_columns(
     read: Callable[[int], NDArray[np.uint8]], present: Sequence[bool], grid: ViewIndex | None = None
 ) -> Running | None:
-    """The grid of a run of views, by the pictures; None where the user's grid fits no part of the
-    run.
-    """
+    """The grid of a run of views, by the pictures; None if the user's grid fits no part of it."""
     tries = _candidates(len(present), grid)
     if len(tries) < 2:
         return tries[0] if tries else None
@@ -183,8 +181,8 @@ def find_columns(
 
 
 def copies(read: Callable[[int], NDArray[np.uint8]], positions: Sequence[int]) -> dict[int, int]:
-    """By position, the earlier one with the same picture; {} if there are more of them than people
-    save twice: then nothing moves.
+    """The earlier position with the same picture, by position; {} if there are too many for
+    accidental duplicates: then nothing moves.
     """
     first: dict[bytes, int] = {}
     pairs = [
@@ -200,9 +198,9 @@ def lay_out(
     grid: ViewIndex | None,
     possible_copies: Sequence[int],
 ) -> tuple[Running | None, dict[int, int], dict[int, int]]:
-    """(how the views of a run fill a grid, as `find_columns`; the new position of each view; by
-    position, the earlier one of which it is a duplicate). Duplicates are dropped; one may replace
-    a view or be inserted between views. possible_copies: positions to compare.
+    """(the grid of a run, as `find_columns`; the new position of each view; the earlier position
+    that a view duplicates, by position). Duplicates are dropped; one may replace a view or be
+    inserted between views. possible_copies: positions to compare.
     """
     kept = [position for position, there in enumerate(present) if there]
     again = copies(read, possible_copies)
@@ -225,7 +223,7 @@ def lay_out(
 
 
 def _explained(run: Running, pairs: NDArray[np.int64], unlike: NDArray[np.float64]) -> float:
-    """Correlation of unlikeness with distance in the grid."""
+    """Correlation of the pictures' difference with distance in the grid."""
     if len(pairs) < 3 or unlike.std() <= 1e-9:
         return -1.0
     place = np.array([[run.index(a), run.index(b)] for a, b in pairs.tolist()], np.float64)

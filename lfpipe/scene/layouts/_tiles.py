@@ -1,5 +1,5 @@
 """Pictures of many tiles, one view each: finds the tiles by lines of one colour between them or by
-the likeness of neighbours, and whether they form a grid of views or one line, as in a quilt.
+the similarity of neighbours, and decides whether they form a grid or one line, as in a quilt.
 """
 
 import re
@@ -29,17 +29,17 @@ UNEVEN = {(4096, 4096): (5, 9), (8192, 8192): (5, 9)}
 # Looking Glass: columns, rows, aspect
 QUILT_NAME = re.compile(r"_qs(\d{1,2})x(\d{1,2})(?:a[\d.]+)?", re.IGNORECASE)
 _SAME_PICTURE = 0.98  # correlation of two files of one picture
-_LOOK_PX = 32  # side of pictures that are compared
+_LOOK_PX = 32  # side of pictures to compare
 _FROM_THE_TOP = "whether its first view is the top left tile: a quilt begins at the bottom left"
 MAX_TILES = 64  # along one side
 _GLANCE_PX = 1024  # longer side of the reduced picture in which tiles are detected
-# limits of `_unlike` for neighbouring tiles; above the last, there are none
+# limits of `_unlike` for neighbouring tiles; above the last, there are no tiles
 _TWO_AXES, _ONE_AXIS, _PLAIN = 0.5, 0.2, 0.8
 # grey levels from the colour of lines (JPEG blurs them), and share of a line
 _LINE_LEVELS = (4, 16, 48)
 _LINE_SHARE = 0.98
 _LINE_SAMPLES = 64  # along a line
-_SOFT_PX = 2  # by which lines and tiles differ where lines have soft edges
+_SOFT_PX = 2  # variation in size of lines and tiles if lines have soft edges
 
 
 def reduced(picture: NDArray[Any], most_px: int) -> NDArray[Any]:
@@ -68,8 +68,8 @@ class Tiling:
 
     @classmethod
     def even(cls, picture: NDArray[Any], rows: int, cols: int, resized: bool = True) -> "Tiling":
-        """Tiles of one size without gaps. If they do not divide the picture, they lie at fractions
-        of a pixel (resized), or leave a remainder at the right and the bottom.
+        """Tiles of one size without gaps. If they do not divide the picture, they are at fractional
+        positions (resized), or leave a remainder at the right and the bottom.
         """
         height, width = picture.shape[0] // rows, picture.shape[1] // cols
         down, across = height, width
@@ -103,9 +103,9 @@ class Tiling:
 
 
 def dip(grey: NDArray[np.float32], axis: int, period: float) -> float:
-    """Mean square difference between a picture and itself at a shift of one period along an axis,
-    relative to shifts of half a period more or less; 1 for a plain picture. Small for a repeating
-    picture; in an ordinary one the difference only grows with the shift.
+    """Mean square difference between a picture and itself, shifted by one period along an axis,
+    relative to shifts of half a period more or less; 1 for a plain picture. It is small for a
+    repeating picture; in an ordinary one the difference only grows with the shift.
     """
     along = grey if axis == 0 else grey.T
     at, less, more = (
@@ -116,7 +116,7 @@ def dip(grey: NDArray[np.float32], axis: int, period: float) -> float:
 
 
 def _unlike(grey: NDArray[np.float32], axis: int) -> dict[int, float]:
-    """By number of tiles along an axis, the dip at a shift of one tile."""
+    """The dip at a shift of one tile, by number of tiles along an axis."""
     size = grey.shape[axis]
     return {
         count: dip(grey, axis, size / count) for count in range(2, min(MAX_TILES, size // 8) + 1)
@@ -133,8 +133,8 @@ def _period(unlike: dict[int, float], full_px: int) -> tuple[int, float]:
 
 
 def _between_lines(picture: NDArray[Any]) -> list[tuple[int, int]]:
-    """(first, last + 1) of the rows between lines of one colour, where these divide the picture
-    evenly; else all rows as one.
+    """(first, last + 1) of the rows between lines of one colour, if these divide the picture
+    evenly; else all rows as one range.
     """
     height, width = picture.shape[:2]
     some = np.asarray(picture[:, :: max(1, width // _LINE_SAMPLES)], np.float32).reshape(
@@ -154,29 +154,29 @@ def _between_lines(picture: NDArray[Any]) -> list[tuple[int, int]]:
 
 
 def _runs(plain: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """(first, last + 1) of the places between plain ones."""
+    """(first, last + 1) of the ranges between plain lines."""
     edges = np.flatnonzero(np.diff(np.concatenate(([True], plain, [True])).astype(np.int8)))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def _even(runs: list[tuple[int, int]], whole_px: int) -> bool:
-    """Whether runs have one size and lines between them another, smaller one."""
+    """Whether all runs have one size, and all lines between them a smaller one."""
     sizes, gaps = [last - first for first, last in runs], [b[0] - a[1] for a, b in pairwise(runs)]
     if len(runs) > MAX_TILES or min(sizes) < MIN_VIEW_PX or max(sizes) - min(sizes) > _SOFT_PX:
         return False
     around = runs[0][0] + whole_px - runs[-1][1]
-    # of tiles with a plain background: they belong to the tiles
+    # plain lines of a tile's background belong to the tile
     margins = 0 < around <= 1.5 * min(gaps)
     return not margins and max(gaps) - min(gaps) <= _SOFT_PX and 4 * max(gaps) < min(sizes)
 
 
 def _by_lines(picture: NDArray[Any]) -> Tiling | None:
-    """The tiles of a picture with lines between them, as contact sheets and plots have; None
-    without such lines.
+    """The tiles of a picture with lines between them, as in contact sheets and plots; None without
+    such lines.
     """
     down = _between_lines(picture)
     across = _between_lines(picture.swapaxes(0, 1))
-    if len(down) * len(across) < 3:  # one photograph in a frame, or two, is no mosaic
+    if len(down) * len(across) < 3:  # one or two framed photographs are not a mosaic
         return None
     top, bottom = down[0]
     left, right = across[0]
@@ -192,7 +192,7 @@ def find_tiles(picture: NDArray[Any], name: str = "") -> Tiling | None:
     """The tiles of a picture, or None: a mosaic has lines between its tiles, or nearly repeats
     itself after one tile.
 
-    name: of the file or folder; a grid named in it (9x9) is used unless the picture contradicts it.
+    name: of the file or folder; a grid in the name (9x9) is used unless the picture contradicts it.
     """
     lined = _by_lines(picture)
     if lined is not None:
@@ -209,10 +209,10 @@ def find_tiles(picture: NDArray[Any], name: str = "") -> Tiling | None:
 
 def _candidates(picture: NDArray[Any], name: str) -> Iterator[Candidate[Tiling]]:
     """A grid in the name, and grids whose neighbouring tiles are alike: the name ranks first, then
-    likeness along both axes, then along one.
+    similarity along both axes, then along one.
     """
     height, width = picture.shape[:2]
-    small = reduced(picture, _GLANCE_PX)  # of a single plane it would be a copy
+    small = reduced(picture, _GLANCE_PX)  # reducing a single plane would copy it
     plane = (small if small.ndim == 2 else small[..., 1]).astype(np.float32)
     down, across = _unlike(plane, 0), _unlike(plane, 1)
     for named in re.finditer(r"(?<!\d)(\d{1,2})x(\d{1,2})(?!\d)", name):
@@ -243,7 +243,7 @@ def _candidates(picture: NDArray[Any], name: str) -> Iterator[Candidate[Tiling]]
 
 
 def _candidate(why: str, tiling: Tiling, rank: int, unlike: float) -> Candidate[Tiling]:
-    """unlike: how much neighbouring tiles differ, as `dip`, less than 1."""
+    """unlike: difference of neighbouring tiles, as `dip`, less than 1."""
     return Candidate(
         what=f"{tiling.shape[0]}x{tiling.shape[1]}, by {why}",
         score=rank + 1 - unlike,
@@ -254,7 +254,7 @@ def _candidate(why: str, tiling: Tiling, rank: int, unlike: float) -> Candidate[
 
 def _as_quilt(picture: NDArray[Any], plain: Tiling) -> Tiling:
     """The tiles as one line of views, from the bottom left (or the top left) one, if that explains
-    the likeness of tiles better than a grid.
+    the similarity of tiles better than a grid.
     """
     rows, cols = plain.shape
     if min(rows, cols) < 2:
@@ -278,7 +278,7 @@ def _as_quilt(picture: NDArray[Any], plain: Tiling) -> Tiling:
 
 
 def last_picture(load: Callable[[int], NDArray[Any]]) -> Callable[[int], NDArray[Any]]:
-    """load, a picture by frame number, with a cache of one for readers in several threads."""
+    """load, which returns a picture by frame number, with a thread-safe cache of one picture."""
     lock = threading.Lock()
     cached = lru_cache(maxsize=1)(load)
 
@@ -306,8 +306,8 @@ def glance(path: Path) -> NDArray[Any]:
 
 
 def likeness(a: Path, b: Path) -> float:
-    """Correlation of two pictures, much reduced and in grey; 0 where one is plain or cannot be
-    read, or only one has colour.
+    """Correlation of two pictures, heavily reduced and in grey; 0 if one is plain or unreadable, or
+    only one has colour.
     """
     try:
         looks = [
@@ -323,8 +323,8 @@ def likeness(a: Path, b: Path) -> float:
 
 
 def one_picture_twice(listing: Listing) -> str | None:
-    """Of two files of one name with the same picture (moon.jpg, moon.png), the lossless one; None
-    for anything else.
+    """The lossless one of two files with the same stem and picture (moon.jpg, moon.png); None for
+    anything else.
     """
     names = listing.pictures()
     if len(names) != 2 or Path(names[0]).stem.lower() != Path(names[1]).stem.lower():
@@ -355,8 +355,8 @@ def tiling(
     picture: NDArray[Any], path: Path, scene: config.Scene, quilt: bool = False
 ) -> Tiling | None:
     """The tiling of the picture at path: from scene.grid or a quilt's name, else detected. quilt:
-    it is one line of views; otherwise the pictures decide. Raises UserError if the given grid does
-    not divide it.
+    the tiles form one line of views; otherwise the pictures decide. Raises UserError if the given
+    grid does not divide the picture.
     """
     height, width = picture.shape[:2]
     named = QUILT_NAME.search(path.stem) if quilt else None
@@ -370,13 +370,13 @@ def tiling(
                 f" {width // cols}x{height // rows} px, too small to show anything",
                 "give the grid that was rendered with --set scene.grid=ROWSxCOLS",
             )
-        # programs for such displays leave a remainder
+        # programs for light-field displays leave a remainder
         tiles = Tiling.even(
             picture,
             rows,
             cols,
             resized=not (bool(named) or UNEVEN.get((width, height)) == (cols, rows)),
         )
-    if tiles is None or quilt or grid is not None or scene.layout == "mosaic":  # the user's word
+    if tiles is None or quilt or grid is not None or scene.layout == "mosaic":  # set by the user
         return tiles and attrs.evolve(tiles, quilt=quilt, doubt="")
     return _as_quilt(picture, tiles)

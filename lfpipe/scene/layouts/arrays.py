@@ -1,15 +1,15 @@
-"""Light fields that are one array: NumPy's .npy and .npz, MATLAB's .mat, and the first HCI data
-set, lf.h5.
+"""Light fields in one array: NumPy's .npy and .npz, MATLAB's .mat, and lf.h5 of the first HCI data
+set.
 
 Axes are (rows, cols, height, width, planes) or (height, width, rows, cols, planes), by the sizes,
 in NumPy files perhaps with frames before them; planes are 1 (grey) or 3 (red first). Values are
-uint8, uint16, or float 0 .. 1 or 0 .. 255. An .npz holds `views`, and perhaps `disparity` (rows,
-cols, height, width), px per view, nearer is larger; and `positions` (rows, cols, 2), the camera
-positions, (down, right) in any unit. MATLAB files hold LF: LFToolbox's NAME__Decoded.mat and
+uint8, uint16, or float 0 .. 1 or 0 .. 255. An .npz contains `views`, optionally `disparity` (rows,
+cols, height, width), px per view, nearer is larger, and `positions` (rows, cols, 2), the camera
+positions, (down, right) in any unit. MATLAB files contain LF: LFToolbox's NAME__Decoded.mat and
 BasicLFSR's. v7.3 files are HDF5, axes in reverse order; older ones need scipy (the extra
-`scipy`). lf.h5 holds LF, GT_DEPTH and attributes, columns from right to left: Wanner,
-Meister, Goldluecke, "Datasets and Benchmarks for Densely Sampled 4D Light Fields", VMV 2013; in a
-file without those attributes they may run either way.
+`scipy`). lf.h5 contains LF, GT_DEPTH and attributes, columns from right to left: Wanner,
+Meister, Goldluecke, "Datasets and Benchmarks for Densely Sampled 4D Light Fields", VMV 2013. In a
+file without those attributes, columns may run either way.
 """
 
 import contextlib
@@ -43,12 +43,12 @@ from lfpipe.scene.source import GridTransform, Layout, SceneSource
 VIEWS, DISPARITY, POSITIONS = "views", "disparity", "positions"
 AXES = "(rows, cols, height, width, 1 or 3), or (frames, rows, cols, height, width, 1 or 3)"
 _KEYS = ("LF", "lf", "LightField", "lightfield")
-# of what files say of cameras, in mm or px: beyond, and where it is NaN, it is not known
+# limits of camera parameters in files, mm or px: values beyond them, and NaN, count as unknown
 LARGEST = 1e9
 
 
 def _require_size(kind: np.dtype[Any], shape: tuple[int, ...], what: str) -> None:
-    """Raises UserError for values of another type, or where no light field is so large.
+    """Raises UserError for values of another type, or if the array is too large for a light field.
 
     what: its name, for messages.
     """
@@ -62,8 +62,8 @@ def _require_size(kind: np.dtype[Any], shape: tuple[int, ...], what: str) -> Non
 
 
 def require_views(views: NDArray[Any], what: str) -> NDArray[Any]:
-    """views as (frames, rows, cols, height, width, 1 or 3), whichever of rows and height come
-    first, by the sizes. Copies nothing.
+    """views as (frames, rows, cols, height, width, 1 or 3); the sizes determine whether rows or
+    height come first. Copies nothing.
 
     Raises UserError for other axes and types. what: its name, for messages.
     """
@@ -86,19 +86,19 @@ def _source(
     raw: Callable[[int, int, int], NDArray[Any]],
     **more: Any,
 ) -> SceneSource:
-    """The views of an array. shape: rows, cols, height and width; kind: of its values; raw: a view
-    as it is stored, perhaps with planes, by frame, row and column; more: further fields of
+    """The views of an array. shape: rows, cols, height and width; kind: type of the values;
+    raw(frame, row, col): a view as stored, with or without planes; more: further fields of
     SceneSource.
     """
     rows, cols, height, width = shape
     middle = raw(0, rows // 2, cols // 2)
-    # a filter's overshoot is below 0, too, but it is little
+    # filter overshoot is slightly below 0, too
     if kind.kind == "f" and np.mean(middle < -0.02) > 0.01:
         raise UserError(
             f"{path}: values below 0, down to {np.min(middle):.3g}",
             "scale them to 0 .. 1: (views - low) / (high - low)",
         )
-    # highlights of a rendering are above 1 or 255, too, but they are few
+    # few highlights of a rendering are above 1 or 255, too
     if kind.kind == "f" and np.mean(middle > 1.5 * 255) > 0.1:
         raise UserError(
             f"{path}: values up to {np.max(middle):.6g}",
@@ -108,7 +108,7 @@ def _source(
 
     def read(frame: int, row: int, col: int) -> NDArray[Any]:
         pixels = raw(frame, row, col)
-        if pixels.ndim == 3:  # a fourth plane is LFToolbox's weight
+        if pixels.ndim == 3:  # a fourth plane contains LFToolbox's weights
             pixels = pixels[..., 0] if pixels.shape[2] < 3 else pixels[..., :3]
         if kind.kind == "f":
             if not np.isfinite(pixels).all():
@@ -143,7 +143,7 @@ def _numpy_arrays(path: Path) -> Mapping[str, NDArray[Any]]:
             names = [name for name in (VIEWS, DISPARITY, POSITIONS) if name in held.files]
             names = names or held.files[:1] * (len(held.files) == 1)
             return {
-                # a member that is no array is bytes
+                # a member that is not an array is returned as bytes
                 name if name in (DISPARITY, POSITIONS) else VIEWS: np.asarray(held[name])
                 for name in names
             }
@@ -208,7 +208,7 @@ def _numpy_source(listing: Listing, path: Path) -> SceneSource:
 
 @contextlib.contextmanager
 def _damage(path: Path, what: str, remedy: str = "fetch the file again") -> Iterator[None]:
-    """Turns what a library's parser raises, which may be anything, into UserError."""
+    """Turns any exception of a parser into UserError."""
     try:
         yield
     except (UserError, MemoryError):
@@ -227,19 +227,19 @@ def _hdf5(path: Path) -> Any:
 
 
 def _hdf5_array(path: Path, file: Any, *keys: str) -> Any:
-    """The first of these arrays of numbers in a file: an array, or a data set that reads like one;
-    None without one. Raises UserError if it leads out of the file.
+    """The first of these numeric arrays in a file: an array, or a data set that reads like one;
+    None if there is none. Raises UserError if it links to another file.
     """
     import h5py
 
     for key in keys:
         with _damage(path, f"{key} cannot be read"):
-            # a chain may end anywhere
+            # a chain of links may end anywhere
             linked = isinstance(file.get(key, getlink=True), h5py.ExternalLink | h5py.SoftLink)
             data = None if linked else file.get(key)
             if linked or (isinstance(data, h5py.Dataset) and (data.external or data.is_virtual)):
                 raise UserError(
-                    f"{path}: {key} is kept in another file or place",
+                    f"{path}: {key} is stored in another file",
                     "download the whole scene as one file",
                 )
             if (
@@ -255,27 +255,27 @@ def _hdf5_array(path: Path, file: Any, *keys: str) -> Any:
                 for size, chunk in zip(data.shape, data.chunks, strict=True)
             )
             stored = data.id.get_storage_size()
-            # it would unpack to more than it says
+            # decompression bomb
             if stored > whole * data.dtype.itemsize * 1.1 + 1024:
                 raise UserError(
                     f"{path}: {key}: {stored} bytes are stored for {whole} values",
                     "fetch the file again",
                 )
-            # a view may cross every compressed chunk: unpacking all of them once beats unpacking
-            # for each view
+            # a view may cross every compressed chunk: decompressing all once is faster than doing
+            # so for each view
             return data[()] if data.nbytes <= 1 << 30 else data
     return None
 
 
-# (rows, cols, y, x, planes) by axis, in the order in which they are likely
+# (rows, cols, y, x, planes) by axis, the likeliest first
 _ROWS_FIRST, _VIEWS_FIRST = (0, 1, 2, 3, 4), (2, 3, 0, 1, 4)
 _REVERSED, _VIEWS_FIRST_REVERSED = (4, 3, 2, 1, 0), (2, 1, 4, 3, 0)
 
 
 def axis_order(shape: tuple[int, ...], reversible: bool = True) -> tuple[int, ...] | None:
-    """Which axes are (rows, cols, y, x[, planes]), by size: planes are few, and a view has more
-    pixels than the grid has views; None if none are. reversible: the axes may be in reverse order,
-    as HDF5 has those of MATLAB.
+    """The order of the axes (rows, cols, y, x[, planes]), by size: planes are few, and a view has
+    more pixels than the grid has views; None if no order fits. reversible: the axes may be in
+    reverse order, as in HDF5 files by MATLAB.
     """
     if len(shape) not in (4, 5) or 0 in shape:
         return None
@@ -298,8 +298,8 @@ def axis_order(shape: tuple[int, ...], reversible: bool = True) -> tuple[int, ..
 def _ordered_source(
     layout: str, listing: Listing, path: Path, array: Any, names: list[str]
 ) -> SceneSource:
-    """The views of an array, or of a data set of HDF5, whose axes may be in reverse order. names:
-    of all arrays in the file, for the message without one. Raises UserError.
+    """The views of an array, or of an HDF5 data set, whose axes may be in reverse order. names: of
+    all arrays in the file, for the message if LF is missing. Raises UserError.
     """
     if array is None:
         raise UserError(
@@ -387,7 +387,7 @@ def disparity_of_depth(
 
 
 def _is_one_number(stored: Any) -> bool:
-    """By its type and shape: nothing large is read."""
+    """Decides by type and shape, and reads nothing large."""
     return stored.dtype.kind in "uif" and stored.shape in ((), (1,))
 
 
@@ -402,7 +402,7 @@ def _hci_old_source(listing: Listing, path: Path) -> SceneSource:
         }
     known = {name: value for name, value in values.items() if abs(value) <= LARGEST}
     depth = _hdf5_array(path, file, "GT_DEPTH")
-    if not values:  # another program's
+    if not values:  # written by another program
         return source
     truth = {}
     shape = source.rows, source.cols, source.height_px, source.width_px
@@ -422,7 +422,7 @@ def _hci_old_source(listing: Listing, path: Path) -> SceneSource:
 def _layout(
     name: str, ends: tuple[str, ...], source: Callable[[Listing, Path], SceneSource]
 ) -> Layout:
-    """The layout of a scene whose only file with such an ending holds it."""
+    """The layout of scenes in one file with one of these suffixes."""
 
     def only(listing: Listing) -> Path | None:
         names = [

@@ -1,4 +1,4 @@
-"""The demo's scenes, rendered view by view: nothing but a name and a size is stored."""
+"""The demo scenes, rendered view by view: only a name and a size are stored."""
 
 from functools import lru_cache, partial
 from typing import Any

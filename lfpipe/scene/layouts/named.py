@@ -1,19 +1,19 @@
-"""One picture file per view, by names: those of known data sets, and any whose numbers span a grid
+"""One picture file per view: the names of known data sets, and any names whose numbers span a grid
 or run.
 
 - hci: the HCI 4D benchmark: input_Cam000.png ... row by row from the top left, parameters.cfg, true
-  disparity where given: https://lightfield-analysis.uni-konstanz.de (Honauer, Johannsen,
+  disparity if given: https://lightfield-analysis.uni-konstanz.de (Honauer, Johannsen,
   Kondermann, Goldluecke, ACCV 2016)
 - hci-text: the first HCI data set as text and pictures: lf/XX_YY.png, attributes.dat, depth.bin
   (Wanner, Meister, Goldluecke, "Datasets and Benchmarks for Densely Sampled 4D Light Fields", VMV
   2013)
-- stanford: the Stanford archive: out_RR_CC_Y_X_.png, Y and X the camera's position. Coordinates
-  decide, never the index: X grows to the right, Y downwards, and scenes were shot in either
+- stanford: the Stanford archive: out_RR_CC_Y_X_.png, Y and X the camera's position. The coordinates
+  decide, not the index: X grows to the right, Y downwards, and scenes were shot in either
   direction. http://lightfield.stanford.edu
 - jpeg-pleno: JPEG Pleno, EPFL: RRR_CCC.ppm of a Lytro Illum, 15x15 with dark sides and corners, 8,
   10 or 16 bit
 - rows-cols: any two numbers in the names that span a grid
-- numbered: a running number: row by row, column by column, a snake or a line; the pictures decide
+- numbered: a running number: row by row, column by column, a snake or a line, by the pictures
 """
 
 import math
@@ -52,7 +52,7 @@ _TRUTH = re.compile(r"gt_disp_lowres(?:_Cam(\d{3,5}))?\.pfm", re.IGNORECASE)
 
 
 def _matches(listing: Listing, pattern: re.Pattern[str]) -> dict[str, re.Match[str]]:
-    """The names of a folder's files in this form."""
+    """The names of a folder's files that match the pattern."""
     return {name: match for name in listing.names if (match := pattern.fullmatch(name))}
 
 
@@ -81,7 +81,7 @@ def _describe_hci(listing: Listing, scene: config.Scene) -> SceneSource:
     parameters = dict(re.findall(r"^[^\S\n]*(\w+)[^\S\n]*[=:][^\S\n]*(\S+)", text, re.MULTILINE))
 
     def number(key: str, low: float, high: float) -> float | None:
-        """None if it is missing or cannot be; zero and text also stand for "not known"."""
+        """None if it is missing or out of range; zero and text also mean "unknown"."""
         return finite(parameters.get(key, ""), low, high)
 
     focal, sensor = number("focal_length_mm", 1e-2, 1e5), number("sensor_size_mm", 1e-2, 1e5)
@@ -99,7 +99,7 @@ def _describe_hci(listing: Listing, scene: config.Scene) -> SceneSource:
         name: match for name in sorted(listing.names, key=len) if (match := _TRUTH.fullmatch(name))
     }
     convention = "the HCI layout is row by row from the top left camera"
-    # only the names are of the benchmark: the pictures decide, and may contradict the order
+    # only the names follow the benchmark: the pictures decide, and may contradict the order
     if not rows * cols and not maps:
         source = describe_views("hci", listing, scene, runs=True)
         return (
@@ -126,7 +126,7 @@ def _describe_hci(listing: Listing, scene: config.Scene) -> SceneSource:
     )
     truth: dict[tuple[int, int], Callable[[], NDArray[np.float32]]] = {}
     for name, match in maps.items() if (source.rows, source.cols) == (rows, cols) else ():
-        # a map that names its view is last and wins
+        # a map with a view number in its name is last and takes precedence
         index = int(match[1]) if match[1] else (rows // 2) * cols + cols // 2
         if index < rows * cols and divmod(index, cols) not in source.missing:
             truth[divmod(index, cols)] = partial(read_pfm, listing.file(name))
@@ -135,7 +135,7 @@ def _describe_hci(listing: Listing, scene: config.Scene) -> SceneSource:
 
 
 def hci_attributes(text: str) -> dict[str, float]:
-    """`value //name` lines by name; others, and numbers that cannot be, are passed over."""
+    """`value //name` lines by name; skips other lines and invalid numbers."""
     lines = re.findall(r"^[^\S\n]*(\S+)[^\S\n]*//[^\S\n]*(\S+)", text, re.MULTILINE)
     return {
         name: number

@@ -1,6 +1,6 @@
-"""Plenoptic cameras. ESLF: one PNG, with `eslf` in its name, of lenslets of N x N px (14 x 14 of a
-Lytro Illum; else scene.grid), as in LFToolbox's LFReadESLF; pixel (row, col) of every lenslet is
-one view. Raw pictures are a honeycomb of lenslets; the outer views are dark or empty.
+"""Plenoptic cameras. ESLF: one PNG, with `eslf` in its name, of lenslets of N x N px (14 x 14 for a
+Lytro Illum; else scene.grid), as in LFToolbox's LFReadESLF; pixel (row, col) of every lenslet forms
+one view. Raw pictures show a honeycomb of lenslets. The outer views are dark or empty.
 """
 
 from typing import Any
@@ -26,7 +26,7 @@ _DARK_SIDE, _DARK_VIEW = 0.55, 0.4
 
 
 def _middle(picture: NDArray[Any], most_px: int) -> NDArray[np.float32]:
-    """The middle of one plane of a picture, at most so many px on a side."""
+    """The middle of one plane of a picture, at most most_px on a side."""
     plane = picture if picture.ndim == 2 else picture[..., 1]
     top, left = (max(0, size - most_px) // 2 for size in plane.shape)
     return plane[top : top + most_px, left : left + most_px].astype(np.float32)
@@ -92,7 +92,7 @@ def lit(source: SceneSource) -> SceneSource:
     rows, cols = all_rows - 2 * top, all_cols - 2 * left
     missing: set[ViewIndex] = set()
     for row, col in np.ndindex(rows, cols):
-        # light falls off only towards the corners: no need to check the rest of the grid
+        # brightness falls off only towards the corners: no need to check the rest of the grid
         corner = min(row, rows - 1 - row) + min(col, cols - 1 - col) < max(1, min(rows, cols) // 4)
         if (row + top, col + left) in source.missing or (
             corner and light(row + top, col + left) < _DARK_VIEW * middle
@@ -123,7 +123,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     picture, full = read_picture(path)
     rows, cols = parse_grid(scene.grid) or (14, 14)  # a Lytro Illum's
     below, beside = -picture.shape[0] % rows, -picture.shape[1] % cols
-    if below or beside:  # LFToolbox fills up at the end
+    if below or beside:  # LFToolbox pads at the end
         picture = cv2.copyMakeBorder(picture, 0, below, 0, beside, cv2.BORDER_CONSTANT)
     return lit(
         SceneSource(

@@ -1,7 +1,7 @@
 """A picture with its depth map: side by side or one below the other in one file (Looking Glass
 RGB-D), in two files, or inside a JPEG as phones write it.
 
-Views around the picture are made from it: shifted by depth, holes filled from behind.
+Views around the picture are rendered from it: shifted by depth, holes filled from behind.
 """
 
 import re
@@ -37,16 +37,16 @@ _NAMED = re.compile(r"rgb-?[dz](?![a-z])")
 _DEPTH = re.compile(r"depth|disparity|(?<![a-z])(dpt|disp)(?![a-z])")
 _BETWEEN = re.compile(r"[-_. ]+")
 _COLOUR = re.compile(r"(?<![a-z])(rgb|colou?r|images?|img|photo|picture)(?![a-z])")
-# of a recording: colour and depth of one number in one folder; other words may name views
+# of a recording: colour and depth with the same number in one folder; other names may be views
 _FRAME = re.compile(r"(rgb|colou?r)[-_. ]*\d{1,9}")
 _INVERSE = re.compile(r"disp|inverse|inv[-_ ]?depth")  # larger is nearer by definition
-_MAX_PX = 700_000  # of the made views: 45 of them are packed in ten seconds
-_SAME_SHAPE = 1.2  # most ratio of the aspects of a picture and its depth map
-# levels between channels: at most for a depth map, at least for a picture
+_MAX_PX = 700_000  # of the rendered views: 45 of them are packed in ten seconds
+_SAME_SHAPE = 1.2  # maximum ratio of the aspects of a picture and its depth map
+# levels between channels: the maximum for a depth map, the minimum for a picture
 _GREY, _COLOURED = 2.0, 6.0
-_LOWER = 0.35  # correlation of height with nearness that means something
-_HOLE_PX = 7  # around holes, where the edge of what is in front may lie
-_LEFT_OPEN = "press d in the window, or set scene.invert_depth=yes, if they are exchanged"
+_LOWER = 0.35  # significant correlation of height with nearness
+_HOLE_PX = 7  # around holes, where the edge of the front surface may be
+_LEFT_OPEN = "press d in the window, or set scene.invert_depth=yes, if the depth looks inverted"
 _FRAMES = (
     "whether the numbered pictures are frames of one camera"
     " (--set scene.layout=numbered opens them as views)"
@@ -55,24 +55,24 @@ _FRAMES = (
 
 @attrs.frozen(eq=False, kw_only=True)
 class _Photo:
-    """A picture with its depth."""
+    """A picture with its depth map."""
 
     paths: tuple[Path, ...]
     picture: NDArray[Any]
     full: int  # full-scale value of the picture
-    nearness: NDArray[np.float32]  # (h, w), larger is nearer, NaN where it was not measured
-    why: str  # how the map was interpreted
-    doubt: str = ""  # what that leaves ambiguous, "" for nothing
+    nearness: NDArray[np.float32]  # (h, w), larger is nearer, NaN for unmeasured pixels
+    why: str  # the interpretation of the map
+    doubt: str = ""  # any ambiguity left
 
 
 def read_depth(
     stored: NDArray[Any], name: str, by_format: bool = False
 ) -> tuple[NDArray[np.float32], str, str]:
-    """(nearness, why, doubt), as `_Photo` has them, of a stored depth map, uint8 or uint16 (h, w).
+    """(nearness, why, doubt), as in `_Photo`, of a stored depth map, uint8 or uint16 (h, w).
 
-    16 bits that are not stretched to the whole range are a distance: near is small, 0 was not
-    measured. In other maps white is near, unless what stands lower, which usually is nearer, is
-    darker. by_format: the format says that white is near.
+    16-bit values that do not span the whole range are distances: near is small, 0 means not
+    measured. In other maps white is near, unless lower parts, which usually are nearer, are
+    darker. by_format: the format defines white as near.
     """
     values = stored.astype(np.float32)
     if by_format or _INVERSE.search(name):
@@ -81,7 +81,7 @@ def read_depth(
         with np.errstate(divide="ignore"):
             near = np.where(stored > 0, 1 / values, np.float32(np.nan)).astype(np.float32)
         against = _lower_is_nearer(near) < -_LOWER
-        doubt = "whether the depth map holds distances: what stands lower would be farther"
+        doubt = "whether the depth map contains distances: lower parts would be farther"
         return (
             near,
             "near is small in the depth map, as in distances; 0 was not measured",
@@ -89,8 +89,8 @@ def read_depth(
         )
     lower = _lower_is_nearer(values)
     if lower < -_LOWER:
-        what = f"whether black is near in the depth map: what stands lower is darker; {_LEFT_OPEN}"
-        return -values, "black is near: what stands lower in the depth map is darker", what
+        what = f"whether black is near in the depth map: lower parts are darker; {_LEFT_OPEN}"
+        return -values, "black is near: lower parts of the depth map are darker", what
     doubt = f"whether white is near in the depth map; {_LEFT_OPEN}"
     return values, "white is near", "" if lower > _LOWER else doubt
 
@@ -106,8 +106,8 @@ def _lower_is_nearer(nearness: NDArray[np.float32]) -> float:
 
 
 def _pair(listing: Listing) -> tuple[str, str] | None:
-    """Names of a picture and of its depth: by their names, or by content where these are the same;
-    of several pairs, the first.
+    """Names of a picture and of its depth map: by name, or by content if the stems are equal; the
+    first of several pairs.
     """
     if pair := _recorded(listing):
         return pair
@@ -134,14 +134,14 @@ def _frames(listing: Listing) -> list[str]:
 
 
 def _words(name: str) -> str:
-    """A name without its ending and the words for depth and colour."""
+    """A name without its suffix and the words for depth and colour."""
     return _BETWEEN.sub("", _COLOUR.sub("", _DEPTH.sub("", Path(name).stem.lower())))
 
 
 @lru_cache(maxsize=2)
 def _recorded(listing: Listing) -> tuple[str, str] | None:
-    """The first picture and its depth of a recording by a depth camera, colour and depth in a
-    folder each: of the same name, else of the nearest number (times differ a little).
+    """The first picture and its depth map in a depth camera's recording, with a folder each for
+    colour and depth: the same name, else the nearest number (times differ slightly).
     """
     folders = depth_folders(listing)
     if folders is None:
@@ -157,13 +157,13 @@ def _recorded(listing: Listing) -> tuple[str, str] | None:
 
 
 def _number(name: str) -> float:
-    """The last number in a name, 0 without one."""
+    """The last number in a name; 0 if there is none."""
     return float(["0", *re.findall(r"\d{1,18}(?:\.\d{1,9})?", Path(name).stem)][-1])
 
 
 def _by_content(listing: Listing, names: list[str]) -> tuple[str, str] | None:
-    """Of two pictures of one name, the picture and its depth: that is grey, and the smoother one of
-    two grey ones.
+    """The picture and its depth map, of two files with one stem: the depth map is grey, and the
+    smoother one of two grey ones.
     """
     if one_picture_twice(listing) is not None:
         return None
@@ -187,9 +187,7 @@ def _colour(picture: NDArray[Any]) -> float:
 
 
 def _beside(picture: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]] | None:
-    """(picture, depth) of a file that holds both: the grey half is the depth; None if there is
-    none.
-    """
+    """(picture, depth) of a file with both: the grey half is the depth map; None without one."""
     if picture.ndim == 2:
         return None
     for first, second in (halves(picture, above=False), halves(picture, above=True)):
@@ -218,7 +216,7 @@ def _read(listing: Listing) -> _Photo:
         if _colour(stored) > _COLOURED:
             raise UserError(
                 f"{paths[1]}: the depth map has false colours",
-                "save it in grey, with near things white",
+                "save it in grey, with near parts white",
             )
         near, why, doubt = read_depth(
             stored if stored.ndim == 2 else stored[..., 1], pair[1].lower().rpartition(".")[0]
@@ -241,7 +239,7 @@ def _read(listing: Listing) -> _Photo:
             picture=picture,
             full=full,
             nearness=near,
-            why="as the photograph's own depth says",
+            why="depth from the photograph's own depth map",
         )
     both = _beside(picture)
     if both is None:
@@ -263,7 +261,7 @@ def _disparity(photo: _Photo, height: int, width: int) -> NDArray[np.float32]:
             f"{photo.paths[-1]}: the depth map has {near.shape[1]}x{near.shape[0]} px, the picture"
             f" {of[1]}x{of[0]}"
         )
-        raise UserError(what, "turn or crop one of them to the shape of the other")
+        raise UserError(what, "rotate or crop one of them to the shape of the other")
     if near.shape[0] * near.shape[1] > height * width:
         near = np.asarray(
             cv2.resize(near, (width, height), interpolation=cv2.INTER_NEAREST), np.float32
@@ -278,7 +276,7 @@ def _disparity(photo: _Photo, height: int, width: int) -> NDArray[np.float32]:
             "use one in which near and far differ",
         )
     share = np.clip((near - np.float32(low)) / np.float32(high - low), 0, 1)
-    if not known.all():  # what was not measured lies behind what is beside it
+    if not known.all():  # unmeasured pixels are behind their neighbours
         behind = cv2.erode(
             np.where(known, share, np.float32(1)), np.ones((_HOLE_PX, _HOLE_PX), np.uint8)
         )
@@ -308,7 +306,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     rows, cols = parse_grid(scene.grid) or (5, 9)
     require_grid(rows, cols, str(listing.path))
     picture = photo.picture
-    notes = [f"{rows}x{cols} views are made from one picture and its depth; {photo.why}"]
+    notes = [f"{rows}x{cols} views are rendered from one picture and its depth; {photo.why}"]
     if unused := _unused(listing, photo):
         notes.append(f"not used: {some(unused)}")
     scale = (_MAX_PX / (picture.shape[0] * picture.shape[1])) ** 0.5
@@ -316,7 +314,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         picture = np.asarray(
             cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
         )
-        notes.append(f"made at {picture.shape[1]}x{picture.shape[0]} px, for speed")
+        notes.append(f"rendered at {picture.shape[1]}x{picture.shape[0]} px, for speed")
     picture = np.ascontiguousarray(picture)
     height, width = picture.shape[:2]
     disparity = _disparity(photo, height, width)
@@ -343,7 +341,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         truth={place: partial(disparity_at, *place) for place in np.ndindex(rows, cols)},
         rendered=True,
         turn=GridTransform(),
-        turn_by=f"the views are made in order; {photo.why}",
+        turn_by=f"the views are rendered in order; {photo.why}",
         doubt=photo.doubt,
         notes=tuple(notes),
     )

@@ -1,6 +1,6 @@
 """Scenes in one file: a picture, which is a light field of one view; an animation (GIF, WebP, AVIF)
-or video whose frames are views, along a line, as in a wiggle, or of a grid; and pictures of R x C
-tiles, one view each.
+or video whose frames are views along a line, as in a wigglegram, or of a grid; and pictures of
+R x C tiles, one view each.
 
 mosaic         one picture (an atlas, a contact sheet); also a quilt without its usual name
 quilt          Looking Glass: ..._qsCOLSxROWS[aASPECT], from the bottom left to the right, then
@@ -49,18 +49,18 @@ from lfpipe.scene.plausibility import measure_views
 from lfpipe.scene.source import GridTransform, Layout, SceneSource
 from lfpipe.scene.video import USUAL_RATE_HZ, Video
 
-# longer side of the examined copy; px of detail that red and green must share
+# longer side of the examined copy; px of detail that red and green must have in common
 _GLANCE_PX, _FEWEST_PX = 512, 300
-# between red and green: more than lens errors; less in a picture that is called one
+# shift between red and green: more than lens errors; less if the name contains "anaglyph"
 _ASIDE_PX, _NAMED_ASIDE_PX = 1.5, 0.5
-_DOWN_SHARE = 0.15  # of the motion across: a pair of eyes looks from one height
+_DOWN_SHARE = 0.15  # of the motion across: both eyes are at one height
 _ANAGLYPH = re.compile(r"anaglyph|(?<![a-z])(red|rot|rouge|rosso)[-_ ]?(cyan|blue|blau|bleu|blu)")
-_SMALL_PX = 128  # side of frames that are compared
-_STILLS = ("JPEG", "TIFF", "HEIF")  # of which several in one file are no animation
+_SMALL_PX = 128  # side of frames to compare
+_STILLS = ("JPEG", "TIFF", "HEIF")  # several pictures in one such file are no animation
 
 
 def _is_anaglyph(picture: NDArray[Any], name: str) -> bool:
-    """Whether red is shifted against green and blue like one eye's picture against the other's."""
+    """Whether red is shifted against green and blue, as between the pictures of two eyes."""
     if picture.ndim == 2:
         return False
     small = reduced(picture, _GLANCE_PX)
@@ -85,7 +85,7 @@ def _describe_picture(listing: Listing, scene: config.Scene) -> SceneSource:
         raise UserError(
             f"{path}: is a red/cyan anaglyph: each eye's picture has lost its other colours, so"
             " the two cannot be separated",
-            "give the stereo pair that it was made of; --set scene.force=true shows it flat",
+            "give the stereo pair that it was made from; --set scene.force=true shows it flat",
         )
     notes = tuple(f"{name} is the same picture" for name in listing.pictures() if name != path.name)
     return files_source(
@@ -160,7 +160,7 @@ def _describe_animation(listing: Listing, scene: config.Scene) -> SceneSource:
     notes = [f"frame {late} is the same picture as frame {early}" for late, early in again.items()]
     if len(views) < len(frames):
         notes.append(
-            f"{len(views)} of {len(frames)} frames are used: the others go back the same way"
+            f"{len(views)} of {len(frames)} frames are used: the others repeat them in reverse"
         )
     if run.rows > 1:
         notes.append(described_run(run, grid))
@@ -193,7 +193,7 @@ def _describe_animation(listing: Listing, scene: config.Scene) -> SceneSource:
 
 def _detect_animation(listing: Listing) -> int | None:
     if _is_video(listing):
-        return 50  # one of tiles is more specific
+        return 50  # an animation of tiles is more specific
     return None if _animation(listing) is None else 90
 
 
@@ -215,15 +215,15 @@ def _detect_mosaics(listing: Listing) -> int | None:
         return 60 if tiles or are_a_pair(*halves(first, above=False)) else None
     pictures = listing.pictures()
     if len(pictures) < 2 or ((named := named_views(listing)) is not None and not named.runs):
-        return None  # names with row and column count more than a look at a picture
+        return None  # names with row and column take precedence over picture content
     first_path = listing.file(pictures[0])
     return 45 if _has_tiles(read_picture(first_path)[0], first_path) else None
 
 
 def _mosaics(layout: str, listing: Listing) -> tuple[list[Path], tuple[str, ...]]:
-    """The pictures of tiles, and a note where they are not frames of one video.
+    """The pictures of tiles, and a note if they are not frames of one video.
 
-    Raises UserError where their sizes differ.
+    Raises UserError if their sizes differ.
     """
     if layout != "mosaic-video":
         return [require_picture(listing)], ()
@@ -236,8 +236,8 @@ def _mosaics(layout: str, listing: Listing) -> tuple[list[Path], tuple[str, ...]
     ):
         return paths[:1], (
             (
-                f"{len(paths)} unrelated pictures: showing {paths[0].name}; name another file to"
-                " see it"
+                f"{len(paths)} unrelated pictures: using {paths[0].name}; to see another one, give"
+                " its path"
             ),
         )
     for path, header in zip(paths, headers, strict=True):
@@ -288,7 +288,7 @@ def _describe_tiles(layout: str, listing: Listing, scene: config.Scene) -> Scene
         width_px=cut.width_px,
         max_value=full,
         doubt=cut.doubt,
-        # without its name, or the user's word, nothing says where a quilt begins
+        # without its name or the user's setting, the first view of a quilt is unknown
         turn=GridTransform() if quilt else None,
         turn_by="a quilt runs from the leftmost camera" if quilt else "",
         notes=notes,

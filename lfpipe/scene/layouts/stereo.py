@@ -1,8 +1,8 @@
 """A stereo pair: two files (left and right, Middlebury's im2 and im6), or one picture of both (side
 by side, above one another, .jps, .mpo, a spatial photo in HEIC). Two views, left eye first.
 
-.jps: side by side, right eye first (VRex's format). .mpo: whole JPEGs one after the other, left eye
-first; CIPA DC-007.
+.jps: side by side, right eye first (VRex's format). .mpo: concatenated JPEGs, left eye first (CIPA
+DC-007).
 """
 
 import re
@@ -39,18 +39,18 @@ _ABOVE = re.compile(
     r"(?<![a-z])(h?ou|h?tab|h?tb|over[-_ ]?(and[-_ ]?)?under|top[-_ ]?(and[-_ ]?)?bottom)(?![a-z])"
 )
 _HALF = re.compile(r"(?<![a-z])(h|half[-_ ]?)(sbs|ou|tb|width|over|top|side)")
-_VIDEO_ASPECTS = (1.7, 1.85)  # a picture of this shape holds halves squeezed to half their width
+_VIDEO_ASPECTS = (1.7, 1.85)  # a picture of this shape contains halves squeezed to half their width
 _GLANCE_PX = 384  # longer side of the compared halves
-_AGREED = 0.5  # share of the detail of two halves that flow matches
+_AGREED = 0.5  # minimum share of the detail of two halves that flow matches
 
 
 @attrs.frozen
 class _Halves:
-    """How a picture holds two."""
+    """The arrangement of two views in one picture."""
 
     above: bool  # one above the other, else side by side
     squeezed: bool  # to half the width or height
-    named: bool  # the name says so
+    named: bool  # stated by the name
 
 
 def _pairs(listing: Listing) -> list[tuple[str, str]]:
@@ -62,7 +62,7 @@ def _pairs(listing: Listing) -> list[tuple[str, str]]:
             re.fullmatch(left.rstrip("0123456789") + r"\d{1,4}", stem) is not None
             for stem in by_stem
         )
-        # more are all views of such a set
+        # more than two are all views of a Middlebury set
         if left in by_stem and right in by_stem and numbered <= 4:
             return [(by_stem[left], by_stem[right])]
     if recorded := _recorded(listing):
@@ -73,13 +73,13 @@ def _pairs(listing: Listing) -> list[tuple[str, str]]:
             sides.setdefault(side[0], {})[side[1]] = name
     pairs = [(both[True], both[False]) for both in sides.values() if len(both) == 2]
     cameras = read_names(tuple(left for left, _ in pairs)) if len(pairs) > 3 else None
-    # two grids of cameras, left and right, are no album
+    # two grids of cameras, left and right, are not an album of pairs
     return [] if cameras is not None and not cameras.runs else pairs
 
 
 def _recorded(listing: Listing) -> list[tuple[str, str]]:
-    """Pairs over time of two cameras with a folder each; none where their pictures are rows of a
-    grid, which differ up and down.
+    """Pairs over time of two cameras with a folder each; none if the pictures are rows of a grid,
+    which differ vertically.
     """
     names = listing.pictures()
     folders = list(dict.fromkeys(name.rpartition("/")[0] for name in names))
@@ -91,7 +91,7 @@ def _recorded(listing: Listing) -> list[tuple[str, str]]:
     ]
     pairs = [pair for pair in pairs if pair[1] in names]
     return (
-        # fewer are rows of a small grid
+        # fewer may be rows of a small grid
         pairs if len(pairs) >= 3 and _differ_sideways(*map(listing.file, pairs[0])) else []
     )
 
@@ -109,7 +109,7 @@ def _differ_sideways(a: Path, b: Path) -> bool:
 
 
 def _alone(listing: Listing) -> Path | None:
-    """The only file of the scene that may hold both pictures."""
+    """The only file of the scene that may contain both pictures."""
     names = [name for name in listing.names if name.lower().endswith((".jps", ".mpo"))]
     return listing.file(names[0]) if len(names) == 1 else single_picture(listing)
 
@@ -127,7 +127,7 @@ def are_a_pair(a: NDArray[Any], b: NDArray[Any]) -> bool:
 
 @lru_cache(maxsize=2)
 def _arrangement(path: Path) -> _Halves | None:
-    """None for a picture that does not hold two."""
+    """The arrangement of the picture at path; None if it does not contain two views."""
     name = path.stem.lower().replace("_", " ")
     if path.suffix.lower() == ".jps":
         return _Halves(False, bool(_HALF.search(name)), True)
@@ -152,12 +152,12 @@ def detect(listing: Listing) -> int | None:
         ]
         if not others or Path(pairs[0][0]).stem.lower() in _NUMBERED or "/" in pairs[0][0]:
             return 85
-        return 55  # left and right beat rows and columns
+        return 55  # left and right take precedence over rows and columns
     path = _alone(listing)
     if path is None or path.suffix.lower() in (".jps", ".mpo") or open_header(path).eyes:
         return None if path is None else 95
     arrangement = _arrangement(path)
-    # the halves of a mosaic are also alike: without a word in the name, tiles come first
+    # the halves of a mosaic are alike, too: unless the name states a format, tiles come first
     if arrangement is None:
         return None
     return 65 if arrangement.named else 55
@@ -177,7 +177,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
             eyes,
             (1, 2),
             turn=GridTransform() if by_name else None,
-            turn_by="the names say left and right" if by_name else "",
+            turn_by="the names contain left and right" if by_name else "",
             notes=notes,
         )
     path = _alone(listing) or require_picture(listing)
@@ -193,7 +193,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
                 f"{path}: no two pictures of one size in this {path.suffix} file",
                 "copy it from the camera again",
             )
-        why = "the file says which picture is the left eye's"
+        why = "the format defines which picture is the left eye's"
     elif arrangement := _arrangement(path):
         picture, full = read_picture(path)
         views = [np.ascontiguousarray(view) for view in halves(picture, arrangement.above)]
@@ -204,7 +204,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
                 for view in views
             ]
         why = (
-            "the name gives a format that begins with the left eye's picture"
+            "the name states a format that begins with the left eye's picture"
             if arrangement.named
             else ""
         )
@@ -216,7 +216,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         )
     crossed = path.suffix.lower() == ".jps" or bool(_CROSSED.search(name))
     if crossed:
-        why = "the name or format says that the right eye's picture comes first"
+        why = "by name or format, the right eye's picture comes first"
     return SceneSource(
         certain=bool(why),
         layout=NAME,

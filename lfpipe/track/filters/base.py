@@ -1,4 +1,4 @@
-"""What all filters share: the protocol, checks of stamps and measurements, and prediction.
+"""The base of all filters: the protocol, checks of stamps and measurements, and prediction.
 
 No filter reads a clock. Stamps are subtracted as integers before conversion to float, so no
 precision is lost on a machine that has been up for years. Speeds are in eye distances per second:
@@ -16,7 +16,7 @@ Points = NDArray[np.float64]
 Vector = tuple[float, float]
 
 MIN_STEP_NS = 200_000  # less means a duplicate frame; noise / dt would give a wild velocity
-MAX_STEP_NS = 500_000_000  # after a longer gap, the past is meaningless
+MAX_STEP_NS = 500_000_000  # after a longer gap, the past is discarded
 
 
 class EyeFilter(ABC):
@@ -29,7 +29,7 @@ class EyeFilter(ABC):
     predicts = False
     """Whether it reports a velocity."""
     restarts_after_loss = False
-    """Whether it is reset when the face is lost, so that it never mixes the time before and after.
+    """Whether it is reset when the face is lost, so that it never mixes data from before and after.
     """
     holds_when_hidden = False
     """Whether the eyes are held while something hides the face. The filters for comparison do not

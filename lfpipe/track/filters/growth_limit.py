@@ -9,13 +9,13 @@ import math
 
 from lfpipe.track.filters.base import Vector
 
-# Gains of the permitted growth: of this frame's innovation, of what the last innovation repeats,
-# and of the growth that continues that of the last frame.
+# Gains of the permitted growth: of this frame's innovation, of its part that the last innovation
+# confirms, and of growth that continues that of the last frame.
 GAIN_SINGLE, GAIN_REPEATED, GAIN_GROWTH = 0.7, 0.9, 1.5
 
 
 class GrowthLimit:
-    """prediction_s: the time that predictions cover."""
+    """Limits the growth of the velocity. prediction_s: the time that predictions cover."""
 
     def __init__(self, prediction_s: float) -> None:
         self._prediction_s = prediction_s

@@ -4,8 +4,7 @@ prediction and a limit of its growth, each in a module of its own.
 
 The midpoint of the eyes goes through the models; their half distance is smoothed separately.
 Constants are in eye distances and in seconds, so they hold for any camera and viewer
-(profiling/results/eyes.md). All arithmetic uses plain numbers: numpy's overhead would dominate for
-so few.
+(profiling/results/eyes.md). All arithmetic uses plain numbers: numpy's overhead would dominate.
 """
 
 import math
@@ -25,7 +24,7 @@ from lfpipe.track.filters.velocity_gain import FRAME_S, VelocityGain
 
 
 class ImmFilter(EyeFilter):
-    """device_latency_s: delay of camera and display that predictions must cover."""
+    """The default filter. device_latency_s: delay of camera and display that predictions cover."""
 
     predicts = True
     holds_when_hidden = True

@@ -20,11 +20,11 @@ from lfpipe.track.filters.velocity_gain import FRAME_S
 
 LAGS = 4
 FIT_S, ERROR_S = 1.5, 2.0  # memory of the fit, and of the errors
-# In eye distances: steps below it are noise and not fitted; errors below it are equal.
+# In eye distances: smaller steps are noise and not fitted; smaller errors count as equal.
 MIN_STEPS, MIN_ERROR = 0.03, 0.006
-PRIOR = 30.0  # of the models, times that of the fit
-POWER = 3  # of the mean square errors
-# Of the weights: at first, and the largest; beyond it, the fit starts anew.
+PRIOR = 30.0  # prior weight of the models relative to the fit
+POWER = 3  # exponent of the mean square errors
+# Variance of the weights: initial and largest; beyond the latter, the fit is reset.
 FIRST_COVARIANCE, MAX_COVARIANCE = 30.0, 1e3
 
 
@@ -39,7 +39,7 @@ class _Prediction(NamedTuple):
 
 
 class LearntMotion:
-    """A new run of the filter needs a new one.
+    """The learnt prediction for one run of the filter.
 
     device_latency_s: delay of camera and display.
     """

@@ -1,4 +1,4 @@
-"""What of a change is motion, and what may be noise.
+"""Separates motion from noise in a change of position.
 
 Without it a still head steps from picture to picture (column `step` of profiling/results/eyes.md).
 """
@@ -16,7 +16,7 @@ DRIFT, DRIFT_S = 0.6, 0.13
 
 
 class MotionWeight:
-    """Weight of a velocity, 0 to 1: the fourth power of the motion against that of the noise."""
+    """Weight of a velocity, 0 to 1: the fourth power of motion relative to that of noise."""
 
     def __init__(self, position: Vector) -> None:
         self._low_passed = position

@@ -1,8 +1,8 @@
 """Measurement noise of the landmarks, estimated while the filter runs.
 
-Third differences of the half distance between the eyes: head motion cancels in them. Without it,
-one fixed noise serves either a sharp picture or a dark one, and a still head trembles or a moving
-one lags (profiling/results/eyes.md).
+The estimate uses third differences of the half distance, in which head motion cancels. A fixed
+noise would fit either bright or dark pictures only: still heads would tremble, or moving heads lag
+(profiling/results/eyes.md).
 """
 
 from lfpipe.track.filters.base import Vector
@@ -11,8 +11,8 @@ RATE_HZ = 30.0  # frame rate of the recordings that the constants were chosen on
 FIRST_NOISE, MIN_NOISE = 1.5e-3, 1e-3  # initial and smallest deviation, in eye distances
 NOISE_S = 2.6  # time constant of the estimate
 MIDPOINT_NOISE = 2.2  # of the midpoint of the eyes, divided by that of their half distance
-# MIDPOINT_NOISE grows with this power of the frame rate above RATE_HZ: each picture then shows
-# another measurement, and its step is visible.
+# MIDPOINT_NOISE grows with this power of the frame rate above RATE_HZ: there, each picture shows
+# a new measurement, and steps between them are visible.
 RATE_POWER = 0.2
 # Noise of a moving midpoint, divided by its speed: stamps and exposures are not exact.
 BLUR_S = 0.0035

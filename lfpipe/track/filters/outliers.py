@@ -12,8 +12,8 @@ from lfpipe.track.filters.base import Vector
 # Heads are no further from their prediction than this, in eye distances: 20 m/s^2, and twice the
 # worst of 17 real heads.
 MAX_DEVIATION, MAX_DEVIATION_S2 = 0.12, 158.0
-# A head that shakes by 17 eye distances per second is, in one frame of ten. There, the low-passed
-# deviation of the last frames raises the limit.
+# A head that shakes at 17 eye distances per second exceeds it in one frame of ten. In that case,
+# the low-passed deviation of the last frames raises the limit.
 USUAL_WEIGHT, USUAL_S = 2.0, 0.3
 
 

@@ -1,11 +1,11 @@
 """Gains of velocity and acceleration in the prediction, learnt from earlier predictions.
 
-At constant acceleration a, the mean velocity over the next h seconds is v + a h / 2. Reaches and
-swaying follow that. A nod turns within a tenth of a second: there an acceleration carries too far,
-and over a long prediction a velocity does, too. So both terms are scaled by least-squares gains
-over the prediction: the gain of the velocity regresses the actual displacement on v h, that of the
-acceleration regresses the residual on a h^2 / 2. Overshoot after 80 ms is 6.46 instead of 11.66 %
-of the eye distance (profiling/results/eyes.md).
+At constant acceleration a, the mean velocity over the next h seconds is v + a h / 2. Reaching and
+swaying follow this model. A nod reverses within a tenth of a second: the acceleration term then
+overshoots and, over a long prediction, the velocity term does, too. So both terms are scaled by
+least-squares gains over the prediction: the gain of the velocity regresses the actual displacement
+on v h, that of the acceleration regresses the residual on a h^2 / 2. Overshoot after 80 ms is 6.46
+instead of 11.66 % of the eye distance (profiling/results/eyes.md).
 """
 
 import math
@@ -19,8 +19,8 @@ from lfpipe.track.filters.base import Vector
 # of 0.05 to 0.1 on real heads.
 FRAME_S = 0.07
 ACCELERATION_S = 0.03  # time constant of the acceleration: about one frame of a webcam
-MEMORY_S = 10.0  # of the gains: a person's way of moving changes slowly
-MAX_EVIDENCE = 2.0  # of one prediction, times what it predicts; more is a glitch of the landmarks
+MEMORY_S = 10.0  # of the gains: a person's motion pattern changes slowly
+MAX_EVIDENCE = 2.0  # of one prediction, relative to the predicted displacement; more is a glitch
 # Displacements in squared eye distances above which a prediction counts less: landmarks jump.
 MAX_DISPLACEMENT, MAX_BEND = 1.0, 0.1
 # Evidence below which the velocity keeps its full gain, and the acceleration a gain near 0.
@@ -42,7 +42,7 @@ class _Prediction(NamedTuple):
 
 
 class VelocityGain:
-    """All in px; a new run of the filter needs a new one.
+    """The gains for one run of the filter; lengths in px.
 
     device_latency_s: delay of camera and display.
     """
@@ -133,7 +133,7 @@ class VelocityGain:
 def _evidence(
     predicted: Vector, actual: Vector, unit_px2: float, limit: float
 ) -> tuple[float, float]:
-    """What a predicted displacement (px) and the actual one add to the sums of a regression.
+    """The terms that a predicted displacement (px) and the actual one add to a regression's sums.
 
     limit: squared length, in unit_px2, above which they count less.
     """

@@ -1,4 +1,4 @@
-"""Sweeps as a person starts them, with what can die on the way."""
+"""Sweeps from the command line, with crashes of their parts."""
 
 import contextlib
 import csv

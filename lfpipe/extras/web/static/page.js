@@ -16,10 +16,10 @@ function wide(element) { return Math.max(240, element.clientWidth); }
 
 const ms = (value) => value === null || value === undefined ? "" : `${value.toFixed(1)} ms`;
 
-const dash = (times, key) => times.n ? times[key].toFixed(1) : "–"; // a figure that does not exist
+const dash = (times, key) => times.n ? times[key].toFixed(1) : "–"; // a metric without a value
 
 function makeLatency(names) {
-  const newest = (plot, at, k) => ms(at === null ? plot.data[k][plot.data[k].length - 1] : at); // in the legend, without a pointer too
+  const newest = (plot, at, k) => ms(at === null ? plot.data[k][plot.data[k].length - 1] : at); // for the legend, also without a pointer
   const line = (label, key) => ({ label, value: newest, stroke: () => inkOf(key), width: key === "age" ? 2 : 1.2, points: { show: false } });
   const series = [{ label: "session time, s", value: (_, at) => at === null ? "" : at.toFixed(1) }, line("age of pictures", "age"), ...names.map((name) => line(`${name} wait + busy`, name))];
   const options = { width: wide($("latency")), height: 220, series, scales: { x: { time: false } }, axes: [{ ...axis, label: "session time, s", labelSize: 22, stroke: () => ink("dim") },
@@ -70,7 +70,7 @@ async function command(message) {
   } catch { $("note").textContent = "the monitor has ended"; }
 }
 
-let waiting = null, busy = false; // the newest setting, and whether a request is running: a slider moves faster than a session answers
+let waiting = null, busy = false; // the newest setting, and whether a request is running: sliders move faster than sessions answer
 async function set(key, value) {
   waiting = { ...(waiting || {}), [key]: value };
   if (busy) return;
@@ -131,7 +131,7 @@ function draw(event) {
   charts(sample); table(sample); show(sample);
 }
 
-let events = null; // a hidden page listens to nothing
+let events = null; // a hidden page does not listen
 
 function connect() {
   if (events) events.close();
@@ -143,8 +143,8 @@ function connect() {
   opened.onerror = async () => {
     page.last = null;
     $("state").textContent = "the monitor has ended; open the address that it prints when it starts again";
-    if (opened.readyState !== EventSource.CLOSED) return; // the browser tries again by itself
-    const answer = await fetch("events").catch(() => null); // why it was refused
+    if (opened.readyState !== EventSource.CLOSED) return; // the browser reconnects automatically
+    const answer = await fetch("events").catch(() => null); // the reason for the refusal
     if (answer && answer.ok) answer.body.cancel();
     else if (answer) $("state").textContent = (await answer.json()).error;
     setTimeout(() => { if (events === opened) connect(); }, 20 * PERIOD_MS);
