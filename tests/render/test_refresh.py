@@ -208,8 +208,13 @@ def test_screen_clock_ignores_a_stray_vblank_and_follows_a_phase() -> None:
         ),
         # slow: share of wake-ups that come 5 ms late on average
         *(
-            (Screen(slow=slow, cost_ms=1.0), 0.01, 0.0, most_ms)
-            for slow, most_ms in ((0.02, 16.0), (0.1, 23.0), (0.3, 27.0))
+            (Screen(slow=slow, cost_ms=1.0), most, 0.0, 3.0 + 16.7 + 3.0)
+            for slow, most in ((0.02, 0.01), (0.1, 0.01), (0.3, 0.02))
+        ),
+        # at 144 Hz a wake-up that is late by a period misses its vblank with any margin
+        *(
+            (Screen(rate_hz=144, slow=slow, cost_ms=1.0), most, 0.0, 3.0 + 6.9 + 3.0)
+            for slow, most in ((0.1, 0.08), (0.3, 0.2))
         ),
     ],
 )

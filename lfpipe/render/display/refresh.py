@@ -118,6 +118,9 @@ SOON = 20  # pictures
 NARROWING = 4 * MIN_STEP_NS / 500**4
 MAX_COST_PERIODS = 4.0  # of a picture: slower ones say nothing about the next
 MAX_PERIODS = 2.5  # a compositor may require a picture a whole period before its vblank
+# The margin's limit where it requires none: no picture may be submitted earlier, so more margin
+# covers only late wake-ups. At 144 Hz, without this limit, every second vblank gets no picture.
+MAX_MARGIN_PERIODS = 1.25
 
 
 class ScreenClock:
@@ -286,7 +289,7 @@ class ScreenRefresh(Refresh):
         self._late_ns = late_ns
         self._margin_ns += min(max(GAIN * late_ns, -MIN_STEP_NS), MIN_STEP_NS)
         self._margin_ns -= REPAINT_NARROWING_NS
-        self._limit_margin()
+        self._limit_margin(MAX_PERIODS * self.clock.period_ns)
         self.clock.repaint(t_presented_ns, late_ns)
         return abs(changed_ns) > self.clock.period_ns / 2
 
@@ -323,11 +326,11 @@ class ScreenRefresh(Refresh):
         else:
             self._punctual += 1
             self._margin_ns -= NARROWING * self._punctual**3
-        self._limit_margin()
+        own_ns = MAX_MARGIN_PERIODS * max(period_ns, self._cost_ns) + self._ahead_ns
+        self._limit_margin(min(MAX_PERIODS * period_ns, own_ns))
         return vblanks
 
-    def _limit_margin(self) -> None:
-        most_ns = MAX_PERIODS * self.clock.period_ns
+    def _limit_margin(self, most_ns: float) -> None:
         self._margin_ns = min(max(self._margin_ns, MIN_MARGIN_NS), most_ns)
 
     def vblanks(self, reports: list[Presented], nominal_hz: float) -> None:
