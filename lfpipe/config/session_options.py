@@ -81,6 +81,8 @@ class QualityLevel:
     work: str = ""
     # how views are made
     method: str
+    # width of the pictures, as a share of that on the screen
+    size: float = 1.0
     # of the display's clock
     rate_hz: float
     # n: one frame in n is tracked

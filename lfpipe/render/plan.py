@@ -16,8 +16,8 @@ from lfpipe.render.synthesis.compositor import (
     method_for,
     planes_of_eyes,
     settings_for_scene,
-    stored_channels,
 )
+from lfpipe.render.synthesis.scene_views import stored_channels
 from lfpipe.render.viewer.geometry import alpha_is_automatic
 from lfpipe.scene.lightfield import LightField
 

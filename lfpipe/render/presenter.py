@@ -71,7 +71,13 @@ class Presenter:
         self.cost_ns = 0
         """Running mean of composing and showing a picture."""
         self.picture: NDArray[np.uint8] | None = None
-        """The last picture, for a screenshot."""
+        """The last picture on the screen."""
+
+    def saved_picture(self) -> NDArray[np.uint8] | None:
+        """The last picture, for a file: the scene's at its own size. None before the first one."""
+        if self.picture is None or self._draw is not draw_scene or self._viewer.draws_all_pixels:
+            return self.picture
+        return self._viewer.full_picture()
 
     def redraw(self) -> None:
         """Composes the next picture even if its key is unchanged."""
@@ -84,6 +90,8 @@ class Presenter:
 
     def show(self, display_time: DisplayTime) -> None:
         """Shows the picture for a display time; without refreshes, always a new one."""
+        if self._viewer.update_compositor():
+            self.redraw()
         t_started_ns = now_ns()
         eyes = self._source.at(t_started_ns, self._mouse)
         viewpoints, key = choose(self._viewer, eyes, display_time)

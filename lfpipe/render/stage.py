@@ -53,7 +53,7 @@ from lfpipe.render.ui.actions import ACTIONS
 from lfpipe.render.ui.controller import Ui
 from lfpipe.render.viewer.mouse_look import MouseLook
 from lfpipe.render.viewer.presence import ViewerState
-from lfpipe.render.viewer.viewer import Viewer
+from lfpipe.render.viewer.viewer import Canvas, Viewer
 from lfpipe.scene.inverted_depth import shown_as
 from lfpipe.scene.pack import open_pack
 from lfpipe.transport.clock import MS_NS, now_ns
@@ -114,24 +114,20 @@ class RenderStage:
         self._lossless = isinstance(options.clock, Lossless)
         with context.setting_up("opening the scene"):
             self._field = open_pack(Path(options.pack), self._config.scene.invert_depth)
-            # a thread on any core, for half of a large picture
-            helper = (
-                ThreadPoolExecutor(1, "half", run_on, (context.cores,))
-                if len(context.cores) > 1
-                else None
-            )
-            self._viewer = Viewer(
-                self._field,
-                self._config,
-                sways_alone=bool(options.lock_code),
-                neutral_is_fixed=isinstance(options.viewer, MouseViewer | RecordedEyes),
-                helper=helper,
-            )
-        self._keep_choice()
         # without a clock, pictures depend on the frames alone
         on_frames = self._lossless or self._config.render.clock == "camera"
         self._on_camera = on_frames and options.viewer.tracked
         self._display = self._open_display()
+        with context.setting_up("opening the scene"):
+            self._viewer = Viewer(
+                self._field,
+                self._config,
+                self._share,
+                sways_alone=bool(options.lock_code),
+                neutral_is_fixed=isinstance(options.viewer, MouseViewer | RecordedEyes),
+                canvas=self._make_canvas(),
+            )
+        self._keep_choice()
         self._interactive = isinstance(options.display, Window | Plugin)
         self._serve_ns = 0
         self._viewer.set_width(self._display.width_mm())
@@ -159,11 +155,26 @@ class RenderStage:
         self._viewer.compositor.compose(middle, middle)
         context.row["t_face_ns"] = now_ns()
 
+    def _make_canvas(self) -> Canvas:
+        """The pictures' size is the screen's; in a replay, whose pictures are compared, the
+        scene's.
+        """
+        cores = self._context.cores
+
+        def thread(name: str) -> ThreadPoolExecutor:
+            return ThreadPoolExecutor(1, name, run_on, (cores,))  # on any core
+
+        helper = thread("half") if len(cores) > 1 else None
+        if self._lossless:
+            return Canvas(helper=helper)
+        return Canvas(shown_px=self._display.shown_px, helper=helper, preparer=thread("prepare"))
+
     def _take_settings(self) -> None:
         """Applies the current configuration and options of the context."""
         self._asked = self._context.config
         self._options = options = self._context.options
         self._config: Config = lowered(self._asked, options)
+        self._share = options.level.size if options.level else 1.0
         # Of camera and display together. A file has no display, and without a clock
         # replay.latency_ms is the whole delay.
         self._device_latency_ns = int(
@@ -269,7 +280,7 @@ class RenderStage:
         """Applies changes of configuration, scene and quality, and commands."""
         context = self._context
         asked = self._asked
-        drawn = self._config
+        drawn = self._config, self._share
         options = self._options
         self._take_settings()
         other_pack = (self._options.pack, self._options.complete) != (
@@ -282,10 +293,8 @@ class RenderStage:
             with context.setting_up("opening the scene"):
                 self._open_scene(other_pack, completed, turned)
             self._presenter.redraw()
-        elif self._config != drawn:
-            render = self._config.render
-            logger.info("quality: %s at %s Hz", render.method, render.rate_hz)
-            self._viewer.set_quality(self._config)
+        elif (self._config, self._share) != drawn:
+            self._viewer.set_quality(self._config, self._share)
             self._presenter.redraw()
         for listener in self._listeners:
             listener.set_options(self._options)
@@ -317,7 +326,8 @@ class RenderStage:
         elif turned:
             self._field = shown_as(self._field, invert_depth)
         self._keep_choice()
-        (self._viewer.complete if completed else self._viewer.set)(self._field, self._config)
+        show = self._viewer.complete if completed else self._viewer.set
+        show(self._field, self._config, self._share)
         if other_pack:
             # the old compositor's parts refer to one another, and to the maps of the pack
             gc.unfreeze()
@@ -346,8 +356,8 @@ class RenderStage:
     def close(self) -> None:
         """Writes pending outputs and closes the display."""
         still = self._options.still
-        picture = self._presenter.picture
-        if still and picture is not None and (failure := save(Path(still), picture)):
+        picture = self._presenter.saved_picture() if still else None
+        if picture is not None and (failure := save(Path(still), picture)):
             self._context.report_lost(failure)
         self._presenter.close()
         self._display.close()

@@ -17,7 +17,7 @@ from lfpipe.config import Config, Render
 from lfpipe.config.tree import Anaglyph, Method
 from lfpipe.files.decoding import fit_area
 from lfpipe.render.synthesis.anaglyph import MATRICES, encode, recipe
-from lfpipe.render.synthesis.compositor import Compositor, PlaneStore
+from lfpipe.render.synthesis.compositor import Compositor
 from lfpipe.render.synthesis.pair_layout import arrange_stereo_pair, scale_into
 from lfpipe.render.viewer.viewer import Viewer
 from tests.render import rendered
@@ -195,17 +195,6 @@ def test_compose_with_two_threads_is_the_same_picture(method: Method) -> None:
         for place in np.random.default_rng(1).uniform(0, 2, (8, 3)).tolist():
             left, right = (place[0], place[1]), (place[0], place[2])
             np.testing.assert_array_equal(one.compose(left, right), two.compose(left, right))
-
-
-def test_plane_store_bounds_its_planes() -> None:
-    field = rendered.field(4, 4, 32, 32)
-    store = PlaneStore(field, budget_bytes=10 * 32 * 32)
-    get = store.source(recipe("dubois").planes[0])
-    first = get(0, 0, 0).copy()
-    for row, col in np.ndindex(4, 4):
-        get(0, row, col)
-    assert store.built.cache_info().currsize <= 10
-    np.testing.assert_array_equal(get(0, 0, 0), first)
 
 
 LEFT, RIGHT = (10, 20, 200), (220, 120, 30)

@@ -205,7 +205,8 @@ def test_picture_ring_begins_with_the_picture_on_the_screen() -> None:
         assert reader.read(out) is not None and np.array_equal(out, picture)
         for one, level in (
             (presentation(number=0, picture=picture), None),  # it stayed on the screen
-            (presentation(picture=np.zeros((8, 8, 3), np.uint8)), None),  # another size
+            (presentation(picture=np.zeros((8, 4, 3), np.uint8)), None),  # of another scene
+            (presentation(picture=np.full((2, 2, 3), 6, np.uint8)), 6),  # in a small window
             (presentation(picture=picture + 1), 8),
         ):
             listener.handed_over(one)

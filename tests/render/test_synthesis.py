@@ -16,6 +16,7 @@ from lfpipe.config.quality import WARPS
 from lfpipe.render.synthesis import warper
 from lfpipe.render.synthesis.blocks import Blocks, bands_of, places, shifted, size_of
 from lfpipe.render.synthesis.engine import Synthesiser
+from lfpipe.render.synthesis.scene_views import SceneViews
 from lfpipe.render.synthesis.scoring import psnr_db
 from lfpipe.render.synthesis.viewpoint import Position
 from lfpipe.scene.lightfield import LightField
@@ -32,7 +33,9 @@ def made(
 ) -> NDArray[np.uint8]:
     outs = [np.zeros((field.height_px, field.width_px), np.uint8) for _ in range(channels)]
     sources = [lambda frame, r, c, k=k: field.views[frame, r, c, k] for k in range(channels)]
-    planes = Synthesiser(field, method).render(position, 0, zero_plane_px, sources, outs)
+    planes = Synthesiser(SceneViews(field), method).render(
+        position, 0, zero_plane_px, sources, outs
+    )
     return np.stack([plane.copy() for plane in planes])
 
 

@@ -72,6 +72,12 @@ class Display:
     def title(self, name: str) -> None:
         """Sets the name of the current scene."""
 
+    def shown_px(self, picture_px: tuple[int, int]) -> tuple[int, int]:
+        """The pixels that a picture covers now; both sizes are (width, height). A smaller picture
+        than picture_px is enough then.
+        """
+        return picture_px
+
     def width_mm(self) -> float | None:
         """Current width of the picture on the screen; None if the size of a pixel is unknown."""
         return None

@@ -73,6 +73,7 @@ RESULTS: Results = {  # types of a display's attributes and results
     "presented": list,
     "notices": list,
     "nominal_hz": int | float,
+    "shown_px": tuple,
     "width_mm": int | float | None,
     "overlay": object,
     "title": object,

@@ -198,6 +198,9 @@ class ScreenWindow(Display):
             (monitor for monitor in offered if monitor.number == number), offered[0]
         )
 
+    def shown_px(self, picture_px: tuple[int, int]) -> tuple[int, int]:
+        return fit_area(picture_px, self._painter.size_px())[2:]
+
     def width_mm(self) -> float | None:
         if self.monitor.pixel_mm:
             return self._shown_px * self.monitor.pixel_mm

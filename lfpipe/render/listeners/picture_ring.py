@@ -7,7 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import SessionOptions
+from lfpipe.files.decoding import fit_area
 from lfpipe.render.presentation import Listener, Presentation
+from lfpipe.render.synthesis.pair_layout import scale_into
 from lfpipe.transport import ring
 from lfpipe.transport.ring import Stamp
 
@@ -42,11 +44,16 @@ class PictureRing(Listener):
             self._write(presentation.eyes.stamp if presentation.eyes else None)
 
     def _write(self, stamp: Stamp | None) -> None:
-        """Writes the picture; skips one of another size right after a change of scene."""
+        """Writes the picture, scaled up where the screen shows less than the scene's own size;
+        skips one of another aspect right after a change of scene.
+        """
         picture = self._picture
-        if self._ring is None or picture is None or picture.shape != self._ring.shape:
+        if self._ring is None or picture is None:
             return
-        np.copyto(self._ring.begin(), picture)
+        size_px = picture.shape[1], picture.shape[0]
+        if fit_area((self._ring.shape[1], self._ring.shape[0]), size_px)[2:] != size_px:
+            return
+        scale_into(picture, self._ring.begin())
         if stamp is None:
             self._ring.publish(-1, 0, 0)
         else:

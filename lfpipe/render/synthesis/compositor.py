@@ -2,7 +2,6 @@
 
 import math
 from concurrent.futures import Executor
-from functools import lru_cache
 
 import attrs
 import numpy as np
@@ -18,13 +17,13 @@ from lfpipe.render.synthesis.anaglyph import (
     Channel,
     Mixer,
     Plane,
-    PlaneBuilder,
     Recipe,
     recipe,
 )
 from lfpipe.render.synthesis.blocks import unaligned_array
-from lfpipe.render.synthesis.engine import Source, Synthesiser
+from lfpipe.render.synthesis.engine import Synthesiser
 from lfpipe.render.synthesis.pair_layout import Pair, arrange_stereo_pair
+from lfpipe.render.synthesis.scene_views import SceneViews, Source
 from lfpipe.render.synthesis.viewpoint import Position, extrapolation_views
 from lfpipe.render.synthesis.zero_plane import zero_plane_px
 from lfpipe.scene.lightfield import LightField
@@ -35,7 +34,6 @@ Key = tuple[int, Position, Position]
 _RGB = tuple(Plane(0, weights, False) for weights in (RED, GREEN, BLUE))
 # one eye's view in its own colours
 _WHOLE = Recipe(_RGB, (Channel(0), Channel(1), Channel(2)), False)
-BUDGET_BYTES = 64 << 20  # of planes that are built and kept
 TWO_VIEWS = ("side-by-side", "row-interleaved")  # outputs with separate views, in original colours
 
 
@@ -86,36 +84,6 @@ def _quantum(method: str, disparity_px: float) -> float:
     return max(1 / 1024, 2.0 ** math.floor(math.log2(step)))
 
 
-def stored_channels(field: LightField, plane: Plane) -> tuple[int, ...]:
-    """Stored channels of a plane. Weights sum to 1: every plane of a grey view is the view."""
-    return (0,) if field.channels == 1 else plane.channels
-
-
-class PlaneStore:
-    """Planes of stored views: channels without a copy, others built when first shown and kept while
-    they fit.
-    """
-
-    def __init__(self, field: LightField, budget_bytes: int = BUDGET_BYTES) -> None:
-        self._field = field
-        # a plain view of the map: indexing an np.memmap costs microseconds
-        self._views = np.asarray(field.views)
-        self._builder = PlaneBuilder((field.height_px, field.width_px))
-        self.built = lru_cache(max(8, budget_bytes // max(1, field.height_px * field.width_px)))(
-            self._build
-        )
-
-    def source(self, plane: Plane) -> Source:
-        """A function (frame, row, col) -> uint8 (height, width), read-only."""
-        channels = stored_channels(self._field, plane)
-        if len(channels) > 1:
-            return lambda frame, row, col: self.built(frame, row, col, plane)
-        return lambda frame, row, col: self._views[frame, row, col, channels[0]]
-
-    def _build(self, frame: int, row: int, col: int, plane: Plane) -> NDArray[np.uint8]:
-        return self._builder.build(self._views[frame, row, col], plane)
-
-
 @attrs.frozen(kw_only=True)
 class _Eye:
     """The planes of one eye's view."""
@@ -132,43 +100,53 @@ class Compositor:
 
     method: the method in use: `auto` resolved, and `nearest` for a light field that cannot be
     warped for want of disparity. Starts with a few small tables; views are built when first shown.
-    helper: a thread that draws the right eye's planes, and mixes half of the picture.
+    helper: a thread that draws the right eye's planes, and mixes half of the picture. size_px:
+    (width, height) of the pictures, of the light field's aspect and no larger; its own for None.
     """
 
-    def __init__(self, field: LightField, render: Render, helper: Executor | None = None) -> None:
+    def __init__(
+        self,
+        field: LightField,
+        render: Render,
+        helper: Executor | None = None,
+        size_px: tuple[int, int] | None = None,
+    ) -> None:
         self.method = method_for(field, render.method)
         render = settings_for_scene(field, self.method, render)
         self._anaglyph = render.anaglyph
         self._frames = field.frames
-        size_px = field.height_px, field.width_px
+        self.size_px = size_px or (field.width_px, field.height_px)
+        """(width, height) of its pictures."""
+        views = SceneViews(field, self.size_px)
+        shape = views.height_px, views.width_px
         mix = recipe_for(render)
-        self._mixer = Mixer(mix, size_px)
-        self._planes = [np.empty(size_px, np.uint8) for _ in mix.planes]
+        self._mixer = Mixer(mix, shape)
+        self._planes = [np.empty(shape, np.uint8) for _ in mix.planes]
         self._eyes: list[_Eye] = []
         for eye in (0, 1):
             of_eye = [k for k, plane in enumerate(mix.planes) if plane.eye == eye]
             if not eye or helper:
-                store = PlaneStore(field)
-                synthesiser = Synthesiser(field, self.method)
+                synthesiser = Synthesiser(views, self.method)
             self._eyes.append(
                 _Eye(
                     planes=of_eye,
-                    sources=[store.source(mix.planes[k]) for k in of_eye],
+                    sources=[views.source(mix.planes[k]) for k in of_eye],
                     scratch=[self._planes[k] for k in of_eye],
                     synthesiser=synthesiser,
                 )
             )
         self._helper = helper if all(eye.planes for eye in self._eyes) else None
-        self._picture = unaligned_array((*size_px, 3))
+        self._picture = unaligned_array((*shape, 3))
         self.pair: Pair | None = None
         """The views of the last picture, if it consists of two."""
         if render.anaglyph in TWO_VIEWS:
             self.pair = np.empty_like(self._picture), np.empty_like(self._picture)
-        self._zero_px = zero_plane_px(field, render)
+        zero_px = zero_plane_px(field, render)
         extent_px = max(
-            abs(edge - self._zero_px) for edge in (field.disparity_min_px, field.disparity_max_px)
+            abs(edge - zero_px) for edge in (field.disparity_min_px, field.disparity_max_px)
         )
-        self._quantum = _quantum(self.method, extent_px)
+        self._zero_px = zero_px * views.scale
+        self._quantum = _quantum(self.method, extent_px * views.scale)
         self._reach = extrapolation_views(self.method, render)
         self._last = (field.rows - 1, field.cols - 1)
 
@@ -215,6 +193,12 @@ class Compositor:
         height, width = self._picture.shape[:2]
         return arrange_stereo_pair(self.pair, self._anaglyph, (width, height), out=self._picture)
 
+    def prepare(self, left: Position, right: Position, frame: int = 0) -> None:
+        """Builds, in the calling thread alone, what the picture for two viewpoints needs."""
+        frame, *positions = self.key(left, right, frame)
+        for eye, position in zip(self._eyes, positions, strict=True):
+            self._draw_eye(eye, frame, position)
+
     def _mix(self, frame: int, left: Position, right: Position, out: NDArray[np.uint8]) -> None:
         if self._helper is None:
             self._draw_eye(self._eyes[0], frame, left)
@@ -245,9 +229,9 @@ class ViewRenderer:
     def __init__(self, field: LightField, method: str = "auto", zero_plane_px: float = 0.0) -> None:
         self._frames = field.frames
         self._zero_plane_px = zero_plane_px
-        self._synthesiser = Synthesiser(field, method_for(field, method))
-        store = PlaneStore(field)
-        self._sources = [store.source(channel) for channel in _RGB[: field.channels]]
+        views = SceneViews(field)
+        self._synthesiser = Synthesiser(views, method_for(field, method))
+        self._sources = [views.source(channel) for channel in _RGB[: field.channels]]
         self._outs = [
             np.empty((field.height_px, field.width_px), np.uint8) for _ in range(field.channels)
         ]

@@ -7,11 +7,11 @@ disparity d (px per grid step, nearer is positive):
     picture(x, y) = view_b(x + d * (col - b_col), y + d * (row - b_row)),   d taken where it lands
     (fixed point)
 
-All methods work on single planes at the light field's resolution, in blocks of 2x2 pixels;
+All methods work on single planes at the drawn resolution, in blocks of 2x2 pixels;
 disparity is refined at its own lower resolution.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import cv2
@@ -20,12 +20,11 @@ from numpy.typing import NDArray
 
 from lfpipe.config.quality import WARPS
 from lfpipe.render.synthesis.blocks import Blocks, Box, shifted, size_of
+from lfpipe.render.synthesis.scene_views import SceneViews, Source
 from lfpipe.render.synthesis.viewpoint import Position, ViewWeight, view_weights
 from lfpipe.render.synthesis.warper import Warper
-from lfpipe.scene.lightfield import LightField
 
 Array = NDArray[np.uint8]
-Source = Callable[[int, int, int], Array]  # (frame, row, col) -> a plane of that stored view
 
 
 class Layer(NamedTuple):
@@ -39,12 +38,12 @@ class Layer(NamedTuple):
 class Synthesiser:
     """Planes of a light field from any viewpoint."""
 
-    def __init__(self, field: LightField, method: str) -> None:
+    def __init__(self, scene: SceneViews, method: str) -> None:
         self.method = method
-        self._rows, self._cols = field.rows, field.cols
-        self._centre = ((field.rows - 1) / 2, (field.cols - 1) / 2)
-        self._warper = Warper(field) if method in WARPS else None
-        height, width = field.height_px, field.width_px
+        self._rows, self._cols = scene.field.rows, scene.field.cols
+        self._centre = ((self._rows - 1) / 2, (self._cols - 1) / 2)
+        self._warper = Warper(scene) if method in WARPS else None
+        height, width = scene.height_px, scene.width_px
         self._whole = slice(0, height), slice(0, width)
         self._blocks = Blocks(height, width)
         *self._sums, self._sample = (

@@ -10,6 +10,7 @@ import numpy as np
 from lfpipe.config.quality import METHODS, WARPS, may_fade
 from lfpipe.host.machine import add
 from lfpipe.render.synthesis.engine import Synthesiser
+from lfpipe.render.synthesis.scene_views import SceneViews
 from lfpipe.scene.lightfield import LightField
 
 
@@ -58,7 +59,7 @@ def score(field: LightField, method: str, places: list[tuple[int, int]]) -> floa
     """
     kept = thinned(field)
     channel = min(1, field.channels - 1)
-    synthesiser = Synthesiser(kept, method)
+    synthesiser = Synthesiser(SceneViews(kept), method)
     views = np.asarray(kept.views)
     out = [np.empty((field.height_px, field.width_px), np.uint8)]
     levels_db = []

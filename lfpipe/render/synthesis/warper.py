@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.render.synthesis.blocks import Box, bands_of, places, shifted, size_of
+from lfpipe.render.synthesis.scene_views import SceneViews
 from lfpipe.render.synthesis.viewpoint import Position, ViewWeight, cell_of, view_weights
-from lfpipe.scene.lightfield import UNKNOWN, LightField
+from lfpipe.scene.lightfield import UNKNOWN
 
 # separation of near and far above which hidden parts are handled,
 # at a seventh of the cost of a warp
@@ -40,32 +41,33 @@ class Warper:
     nothing.
     """
 
-    def __init__(self, field: LightField) -> None:
+    def __init__(self, scene: SceneViews) -> None:
+        field = scene.field
         if field.disparity is None:
             raise ValueError("a light field without disparity cannot be warped")
-        self._stored = np.asarray(field.disparity)
+        self._map = scene.disparity
         self._offsets = field.offsets.astype(np.float64)
         self._regular = not self._offsets.any()
-        self._unit_px = abs(float(field.disparity_scale_px))
+        self._unit_px = abs(float(field.disparity_scale_px)) * scene.scale
         self._turned = field.disparity_scale_px < 0
-        self._span_px = field.disparity_max_px - field.disparity_min_px
-        rows, cols = size_of(field.height_px, field.width_px)
-        if self._stored.shape[3:] != (rows, cols):
+        self._span_px = (field.disparity_max_px - field.disparity_min_px) * scene.scale
+        rows, cols = size_of(scene.height_px, scene.width_px)
+        if self._map(0, 0, 0).shape != (rows, cols):
             raise ValueError(
-                f"disparity of {self._stored.shape[3:]} values, not one for each 2x2 pixels:"
+                f"disparity of {self._map(0, 0, 0).shape} values, not one for each 2x2 pixels:"
                 f" {rows, cols}"
             )
         self._unknown_in = cache(self._find_unknown)
         self._unknown_around = cache(self._find_unknown_around)
         # px of a view per px of its disparity
-        self._step = (field.height_px / rows, field.width_px / cols)
-        self._size = field.height_px, field.width_px
+        self._step = (scene.height_px / rows, scene.width_px / cols)
+        self._size = scene.height_px, scene.width_px
         self._low, self._steps_up, self._nearest = np.empty((3, rows, cols), np.uint8)
         # x and y of each disparity, and of each block
         self._cells = np.ascontiguousarray(
             np.mgrid[:rows, :cols][::-1].transpose(1, 2, 0), np.int16
         )
-        self._places = places(field.height_px, field.width_px)
+        self._places = places(scene.height_px, scene.width_px)
         self.bands = bands_of(rows, 16 * cols)
         """Rows of blocks to process at a time."""
         # scratch of a band
@@ -157,10 +159,6 @@ class Warper:
             _moved(disparity, across, x[band], moved_x),
             _moved(disparity, down - np.float32(first_row), y[band], moved_y),
         )
-
-    def _map(self, frame: int, row: int, col: int) -> NDArray[np.int8]:
-        stored: NDArray[np.int8] = self._stored[min(frame, len(self._stored) - 1), row, col]
-        return stored
 
     def _find_unknown(self, frame: int, row: int, col: int) -> bool:
         """Whether some disparity of a view is unknown."""

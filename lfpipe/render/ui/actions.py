@@ -59,9 +59,10 @@ def _compensate_ghost(ui: Ui, _event: Event, step: float) -> None:
 
 
 def _save_picture(ui: Ui, _event: Event) -> None:
-    if ui.presenter.picture is not None:
+    picture = ui.presenter.saved_picture()
+    if picture is not None:
         path = picture_folder() / time.strftime("lfpipe-%Y%m%d-%H%M%S.png")
-        text = save(path, ui.presenter.picture) or f"picture saved as {path}"
+        text = save(path, picture) or f"picture saved as {path}"
         ui.context.notify(text)
         ui.notices.show("picture", text)
 

@@ -21,8 +21,7 @@ CHECKED = ("swap_eyes", "ghost_compensation")  # what a test of glasses may chan
 
 def draw_glasses_test(viewer: Viewer, key: Key) -> Drawing:
     """The test of the glasses in place of the scene, as large as the scene's pictures."""
-    field = viewer.field
-    return Drawing(*glasses_test(viewer.config.render, (field.width_px, field.height_px)))
+    return Drawing(*glasses_test(viewer.config.render, viewer.compositor.size_px))
 
 
 class Page:

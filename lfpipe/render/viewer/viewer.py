@@ -3,10 +3,13 @@ picture.
 """
 
 import math
-from concurrent.futures import Executor
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
 from typing import Any, NamedTuple
 
+import attrs
 import numpy as np
+from numpy.typing import NDArray
 
 from lfpipe.config import Config
 from lfpipe.config.camera_pose import CameraPose
@@ -20,6 +23,7 @@ from lfpipe.eyes import (
     low_pass_gain,
     middle_of,
 )
+from lfpipe.files.decoding import fit_area
 from lfpipe.render.synthesis.compositor import Compositor
 from lfpipe.render.synthesis.viewpoint import Place, Position, ViewSolver
 from lfpipe.render.viewer.geometry import Parallax, alpha_is_automatic, parallax
@@ -51,6 +55,23 @@ MOVED = 0.01  # change of the distance after which the views between the eyes ar
 VIDEO_LEAD = 0.3
 
 LARGE_PX = 1 << 20  # of a picture: drawing one takes most of a refresh of 60 Hz
+Size = tuple[int, int]  # (width, height), px
+
+
+@attrs.frozen(kw_only=True)
+class Canvas:
+    """Where pictures are drawn: their size on the screen, and the threads."""
+
+    shown_px: Callable[[Size], Size] = lambda size_px: size_px
+    """The size at which a picture of a given size covers the screen, of the same aspect."""
+    helper: Executor | None = None
+    """A thread on another core, for half of a large picture."""
+    preparer: Executor | None = None
+    """A thread that prepares pictures of another size or quality; None: they are prepared when they
+    are due."""
+
+
+CANVAS = Canvas()  # pictures of the light field's own size
 
 
 class Viewpoints(NamedTuple):
@@ -79,15 +100,17 @@ class Viewer:
         self,
         field: LightField,
         config: Config,
+        share: float = 1.0,
         sways_alone: bool = False,
         neutral_is_fixed: bool = False,
-        helper: Executor | None = None,
+        canvas: Canvas = CANVAS,
     ) -> None:
-        """sways_alone: the picture moves while there is no viewer. neutral_is_fixed: the neutral
-        position is the middle of the camera picture, as for the mouse. helper: a thread on another
-        core, for half of a large picture.
+        """share: width of the pictures by that on the screen.
+        sways_alone: the picture moves while there is no viewer. neutral_is_fixed: the neutral
+        position is the middle of the camera picture, as for the mouse.
         """
-        self._helper = helper
+        self._canvas = canvas
+        self._next: Future[Compositor] | None = None  # in preparation
         self.parallax: Parallax | None = None
         # the mapping from eyes to views; None until a face was seen
         self.solver: ViewSolver | None = None
@@ -115,35 +138,95 @@ class Viewer:
         self._picture_mm: float | None = None
         self._neutral_is_fixed = neutral_is_fixed
         self.last_viewpoints: Viewpoints | None = None
-        self.set(field, config)
+        self.set(field, config, share)
 
-    def set(self, field: LightField, config: Config) -> None:
-        """Sets scene and configuration from the next viewpoints on."""
-        self.field = field
+    def set(self, field: LightField, config: Config, share: float = 1.0) -> None:
+        """Sets scene, configuration and share from the next viewpoints on."""
         self.parallax = self.solver = None
         self._easing.reset()
-        self.set_quality(config)
         self._auto = alpha_is_automatic(config)
         self._size_px = (0, 0)
+        self._draw(field, config, share)
 
-    def complete(self, field: LightField, config: Config) -> None:
+    def complete(self, field: LightField, config: Config, share: float = 1.0) -> None:
         """Sets the same scene, now with its disparity: viewpoint, neutral position and views
         between the eyes are kept, or eased.
         """
-        self.field = field
-        self.set_quality(config)
+        self._draw(field, config, share)
         if self.parallax is not None:
             self._choose(self._eye_distance_px)
 
-    def set_quality(self, config: Config) -> None:
-        """Sets a configuration that differs only in render.method and render.rate_hz: geometry
-        stays unchanged.
-        """
-        large = self.field.width_px * self.field.height_px >= LARGE_PX
-        self._is_video = self.field.frames > 1
+    def _draw(self, field: LightField, config: Config, share: float) -> None:
+        self.field = field
+        self._is_video = field.frames > 1
         self.config = config
-        self.compositor = Compositor(self.field, config.render, self._helper if large else None)
-        self.method = self.compositor.method
+        self._share = share
+        self._next = None
+        self._use(self._make_compositor(field, config, self._wanted_px()))
+
+    def set_quality(self, config: Config, share: float = 1.0) -> None:
+        """Sets a configuration that differs only in render.method and render.rate_hz, and a share:
+        geometry stays unchanged.
+        """
+        same = config.render.method == self.config.render.method and share == self._share
+        self.config = config
+        self._share = share
+        if not same:
+            self._prepare()
+
+    def update_compositor(self) -> bool:
+        """Prepares a compositor if pictures cover another part of the screen; returns whether a new
+        one is in use. Until it is ready, pictures keep their size.
+        """
+        if self._next is None and self._wanted_px() != self.compositor.size_px:
+            self._prepare()
+        if self._next is None or not self._next.done():
+            return False
+        made = self._next.result()
+        self._next = None
+        self._use(made)
+        return True
+
+    @property
+    def draws_all_pixels(self) -> bool:
+        """Whether pictures have the light field's own size."""
+        return self.compositor.size_px == (self.field.width_px, self.field.height_px)
+
+    def full_picture(self) -> NDArray[np.uint8]:
+        """The last picture at the light field's own size: uint8 (height, width, 3) BGR."""
+        middle = (self.field.rows - 1) / 2, (self.field.cols - 1) / 2
+        last = self.last_viewpoints or Viewpoints((0.0, 0.0, 0.0, 0.0), middle, middle, 0)
+        return Compositor(self.field, self.config.render).compose(last.left, last.right, last.frame)
+
+    def _wanted_px(self) -> Size:
+        """The size of the next pictures."""
+        own_px = self.field.width_px, self.field.height_px
+        shown_px = self._canvas.shown_px(own_px)
+        if self._share < 1 or shown_px[0] < own_px[0]:
+            width = min(shown_px[0], own_px[0]) * self._share
+            return fit_area(own_px, (round(width), own_px[1]))[2:]
+        return own_px
+
+    def _prepare(self) -> None:
+        """Makes the next compositor beside the pictures in use."""
+        arguments = self.field, self.config, self._wanted_px(), self.last_viewpoints
+        if self._canvas.preparer is not None:
+            self._next = self._canvas.preparer.submit(self._make_compositor, *arguments)
+        else:
+            self._use(self._make_compositor(*arguments))
+
+    def _make_compositor(
+        self, field: LightField, config: Config, size_px: Size, last: Viewpoints | None = None
+    ) -> Compositor:
+        helper = self._canvas.helper if math.prod(size_px) >= LARGE_PX else None
+        made = Compositor(field, config.render, helper, size_px)
+        if last is not None:
+            made.prepare(last.left, last.right, last.frame)
+        return made
+
+    def _use(self, compositor: Compositor) -> None:
+        self.compositor = compositor
+        self.method = compositor.method
         if self.solver is not None:
             self.solver.set_method(self.method)
 
