@@ -1,5 +1,6 @@
 """Views and disparities at the size at which they are drawn."""
 
+import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import attrs
@@ -103,8 +104,11 @@ def test_viewer_draws_what_the_screen_shows_and_never_waits_for_it() -> None:
         assert viewer.compositor.size_px == (100, 120)
         viewer.viewpoints(rendered.record(), 0, 0)
         assert viewer.full_picture().shape == (240, 200, 3)
+        gate = threading.Event()
+        preparer.submit(gate.wait)
         shown.append((50, 60))
         assert not viewer.update_compositor() and viewer.compositor.size_px == (100, 120)
+        gate.set()
         preparer.submit(int).result()  # after the preparation
         assert viewer.update_compositor()
         assert viewer.compositor.size_px == (50, 60)
