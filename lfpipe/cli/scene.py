@@ -1,6 +1,7 @@
 """`lfpipe scene`: packs, lists, inspects and plans light fields."""
 
 import json
+import math
 from pathlib import Path
 
 import attrs
@@ -18,7 +19,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.output import check_output, marked_picture, write_output
 from lfpipe.host.files import is_dir
 from lfpipe.log import set_up
-from lfpipe.render.plan import make_plan
+from lfpipe.render.plan import make_plan, planned_levels
 from lfpipe.render.synthesis.compositor import ViewRenderer
 from lfpipe.scene.cache import cache_dir, packed, packs, remove, sweep
 from lfpipe.scene.description import describe_folder
@@ -140,7 +141,7 @@ def clean(keys: tuple[str, ...], everything: bool, config: Config) -> None:
 @with_scene
 @JSON
 def plan(path: Path, as_json: bool, config: Config) -> None:
-    """Show which work SCENE does not need, why, and what skipping it saves.
+    """Show the work that SCENE does not need, and its quality levels: error against run time.
 
     A video that is not packed yet is examined only: then the method is that of most scenes.
     """
@@ -150,8 +151,10 @@ def plan(path: Path, as_json: bool, config: Config) -> None:
             manifest = ask_manifest(path, config.scene, bar)
         field = expected_field(manifest) if manifest.frames > 1 else opened(path, config)
     plan = make_plan(field, config)
+    picture_px, levels = planned_levels(field, config, plan.method)
     if as_json:
-        print_result(json.dumps({"scene": field.name, **attrs.asdict(plan)}))
+        sizes = {"picture_px": picture_px, "levels": [attrs.asdict(level) for level in levels]}
+        print_result(json.dumps({"scene": field.name, **attrs.asdict(plan), **sizes}))
         return
     needs = [
         name for name in ("tracking", "rows", "warp", "depth") if getattr(plan, f"needs_{name}")
@@ -166,6 +169,15 @@ def plan(path: Path, as_json: bool, config: Config) -> None:
         print_result(filled(item.saves, "    saves   "))
     if not plan.left_out:
         print_result("  nothing can be left out")
+    if levels:
+        width, height = picture_px
+        print_result(f"  levels of quality of a picture of {width}x{height}:")
+        print_result("    method    width     error       CPU")
+    for level in levels:
+        cost_ms = level.ns_per_px * math.prod(picture_px) / 1e6
+        print_result(
+            f"    {level.method:8}{level.size:6.0%}{level.error:7.2f} /255{cost_ms:7.2f} ms"
+        )
 
 
 @scene.command()

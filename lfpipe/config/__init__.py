@@ -6,6 +6,7 @@ writes the user's own.
 
 from lfpipe.config.check import load, parse_set, updated
 from lfpipe.config.session_options import (
+    DrawingCosts,
     QualityLevel,
     SceneSummary,
     SessionOptions,
@@ -31,6 +32,7 @@ __all__ = [
     "FILTER_MODULES",
     "Camera",
     "Config",
+    "DrawingCosts",
     "Governor",
     "QualityLevel",
     "Render",

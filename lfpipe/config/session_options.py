@@ -46,6 +46,8 @@ class SceneSummary:
     complete: bool = True
     # PSNR in dB of each method on held-out views
     scores: Mapping[str, float] = attrs.field(factory=dict)
+    # of each method at each of `quality.SIZES`, in grey levels, see `lightfield.MethodScores`
+    errors: Mapping[str, tuple[float, ...]] = attrs.field(factory=dict)
     # of the farthest and nearest points, px per view
     disparity_min_px: float = 0.0
     disparity_max_px: float = 0.0
@@ -92,6 +94,18 @@ class QualityLevel:
 
 
 @attrs.frozen(kw_only=True)
+class DrawingCosts:
+    """What the stage that shows pictures measured of their drawing."""
+
+    # CPU time for each drawn pixel, by method
+    ns_per_px: Mapping[str, float]
+    # pixels of the picture on the screen
+    picture_px: int
+    # cores that may draw it
+    cores: int
+
+
+@attrs.frozen(kw_only=True)
 class SessionOptions:
     """What a session does. Paths are absolute; "" means none."""
 
@@ -123,6 +137,8 @@ class SessionOptions:
     start: bool = False
     # ask which glasses the user has
     ask_glasses: bool = False
+    # None until they are measured
+    costs: DrawingCosts | None = None
     # the quality in force, None for full
     level: QualityLevel | None = None
 

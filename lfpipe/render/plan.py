@@ -11,13 +11,16 @@ import attrs
 
 from lfpipe.config import Config, Render
 from lfpipe.config.camera_pose import CameraPose
-from lfpipe.config.quality import WARPS
+from lfpipe.config.quality import WARPS, DrawingLevel, drawing_levels
+from lfpipe.files.decoding import fit_area
 from lfpipe.render.synthesis.compositor import (
     method_for,
     planes_of_eyes,
     settings_for_scene,
 )
+from lfpipe.render.synthesis.costs import measure_costs
 from lfpipe.render.synthesis.scene_views import stored_channels
+from lfpipe.render.synthesis.scoring import SCREEN_PX
 from lfpipe.render.viewer.geometry import alpha_is_automatic
 from lfpipe.scene.lightfield import LightField
 
@@ -66,6 +69,20 @@ def make_plan(field: LightField, config: Config) -> Plan:
         method=method,
     )
     return attrs.evolve(plan, left_out=tuple(_left_out(plan, field, config)))
+
+
+def planned_levels(
+    field: LightField, config: Config, method: str
+) -> tuple[tuple[int, int], tuple[DrawingLevel, ...]]:
+    """(width, height) of the picture on a screen of SCREEN_PX, and the levels of quality from
+    method down, measured on this machine; none if the picture does not depend on the eyes.
+    """
+    own_px = field.width_px, field.height_px
+    picture_px = min(own_px, fit_area(own_px, SCREEN_PX)[2:])
+    if not field.needs_eyes or not field.folder:  # only a pack has views and errors
+        return picture_px, ()
+    costs = measure_costs(field, config.render)
+    return picture_px, drawing_levels(method, field.manifest.errors, costs)
 
 
 def _left_out(plan: Plan, field: LightField, config: Config) -> Iterator[LeftOut]:

@@ -5,7 +5,7 @@ Writes: the display of option "display"; the trace of option "trace"; the last p
 "still"; without a camera, ring "eyes" from the mouse.
 Commands: recentre, loading (progress), stop; settings and another scene by configuration, a lowered
 quality by option "level".
-Asks: set, keep, recentre, load, dialog, previews, pause, resume, record, stop (events of the
+Asks: set, keep, costs, recentre, load, dialog, previews, pause, resume, record, stop (events of the
 window).
 Emits: parallax (alpha and its reasons), viewer (nobody, arriving, seated, lost, exchanged), notice
 (an output was lost).
@@ -13,7 +13,9 @@ Emits: parallax (alpha and its reasons), viewer (nobody, arriving, seated, lost,
 
 import gc
 import logging
-from concurrent.futures import ThreadPoolExecutor
+import math
+from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -49,6 +51,7 @@ from lfpipe.render.listeners.tap_messages import TapMessages
 from lfpipe.render.listeners.trace import Trace
 from lfpipe.render.presentation import Listener
 from lfpipe.render.presenter import Presenter
+from lfpipe.render.synthesis.costs import measure_costs
 from lfpipe.render.ui.actions import ACTIONS
 from lfpipe.render.ui.controller import Ui
 from lfpipe.render.viewer.mouse_look import MouseLook
@@ -112,6 +115,8 @@ class RenderStage:
         self._take_settings()
         options = context.options
         self._lossless = isinstance(options.clock, Lossless)
+        self._preparer: ThreadPoolExecutor | None = None
+        self._costs: Future[Mapping[str, float]] | None = None
         with context.setting_up("opening the scene"):
             self._field = open_pack(Path(options.pack), self._config.scene.invert_depth)
         # without a clock, pictures depend on the frames alone
@@ -153,6 +158,7 @@ class RenderStage:
         middle = ((self._field.rows - 1) / 2, (self._field.cols - 1) / 2)
         # builds tables and touches pages before the first picture is due
         self._viewer.compositor.compose(middle, middle)
+        self._measure_costs()
         context.row["t_face_ns"] = now_ns()
 
     def _make_canvas(self) -> Canvas:
@@ -167,7 +173,26 @@ class RenderStage:
         helper = thread("half") if len(cores) > 1 else None
         if self._lossless:
             return Canvas(helper=helper)
-        return Canvas(shown_px=self._display.shown_px, helper=helper, preparer=thread("prepare"))
+        self._preparer = thread("prepare")
+        return Canvas(shown_px=self._display.shown_px, helper=helper, preparer=self._preparer)
+
+    def _measure_costs(self) -> None:
+        """Begins to measure what pictures cost, beside the pictures."""
+        if self._preparer is not None and self._asked.governor.quality == "auto":
+            render = self._asked.render
+            self._costs = self._preparer.submit(measure_costs, self._field, render)
+
+    def _report_costs(self) -> None:
+        if self._costs is None or not self._costs.done():
+            return
+        shown_px = self._display.shown_px((self._field.width_px, self._field.height_px))
+        self._context.request(
+            "costs",
+            ns_per_px=self._costs.result(),
+            picture_px=min(math.prod(shown_px), self._field.width_px * self._field.height_px),
+            cores=min(len(self._context.cores), 2),
+        )
+        self._costs = None
 
     def _take_settings(self) -> None:
         """Applies the current configuration and options of the context."""
@@ -329,6 +354,7 @@ class RenderStage:
         show = self._viewer.complete if completed else self._viewer.set
         show(self._field, self._config, self._share)
         if other_pack:
+            self._measure_costs()
             # the old compositor's parts refer to one another, and to the maps of the pack
             gc.unfreeze()
             gc.collect()
@@ -352,6 +378,7 @@ class RenderStage:
             self._ui.serve()
         if self._display.vblank_source:
             self._presenter.take_reports()
+        self._report_costs()
 
     def close(self) -> None:
         """Writes pending outputs and closes the display."""

@@ -3,7 +3,7 @@ manifest: the content of a pack's manifest.json.
 """
 
 import enum
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Self
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lfpipe.scene.source import Geometry, GridTransform
 
-VERSION = 12  # of the pack format; part of the cache key
+VERSION = 13  # of the pack format; part of the cache key
 
 
 @attrs.frozen(kw_only=True)
@@ -61,6 +61,17 @@ class Disparity(Depth):
 
 
 @attrs.frozen(kw_only=True)
+class MethodScores:
+    """How well the rendering methods predict the views of a scene."""
+
+    psnr_db: Mapping[str, float] = attrs.field(factory=dict)
+    """By method, of held-out views; empty if none can be held out."""
+    errors: Mapping[str, Sequence[float]] = attrs.field(factory=dict)
+    """By method, at each of `config.quality.SIZES`: the error of pictures between stored views, in
+    grey levels, see `render.synthesis.scoring`."""
+
+
+@attrs.frozen(kw_only=True)
 class OrientationFacts:
     """The basis for the order of the views, as in `orientation.Orientation`."""
 
@@ -102,8 +113,9 @@ class Manifest:
     offsets: list[list[list[float]]] | None = None  # as in LightField; None on a regular grid
     disparity: Disparity = attrs.field(factory=Disparity)
     notes: tuple[str, ...] = ()
-    # PSNR in dB of held-out views by method
+    # as in MethodScores
     scores: Mapping[str, float] = attrs.field(factory=dict)
+    errors: Mapping[str, tuple[float, ...]] = attrs.field(factory=dict)
     method: str = ""  # that `auto` selects; "" if not packed
     checksum: str = ""  # of all other fields
 

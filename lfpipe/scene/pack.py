@@ -168,6 +168,7 @@ def summarize(field: LightField) -> SceneSummary:
         pack=field.folder,
         has_disparity=field.disparity is not None,
         scores=field.manifest.scores,
+        errors=field.manifest.errors,
         disparity_min_px=field.disparity_min_px,
         disparity_max_px=field.disparity_max_px,
         **{name: getattr(field, name) for name in same},

@@ -37,6 +37,7 @@ from lfpipe.scene.analysis import analyse_scene
 from lfpipe.scene.cache import cache_dir, cache_root, packed
 from lfpipe.scene.demo import named_scene
 from lfpipe.scene.info import scene_manifest
+from lfpipe.scene.lightfield import MethodScores
 from lfpipe.scene.open_scene import PackerRequest
 from lfpipe.scene.pack import open_pack, summarize
 from lfpipe.scene.packing import Score, pack_scene
@@ -102,7 +103,7 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
 def _scorer(name: str) -> Score:
     """The function that a request names; without a name, a function that scores no method."""
     if not name:
-        return lambda field: {}
+        return lambda field: MethodScores()
     module, _, function = name.partition(":")
     score: Score = getattr(importlib.import_module(module), function)
     return score

@@ -51,6 +51,7 @@ from lfpipe.scene.lightfield import (
     DisparitySource,
     LightField,
     Manifest,
+    MethodScores,
 )
 from lfpipe.scene.missing_views import fill_missing, nearest_present
 from lfpipe.scene.optical_flow import SMALLEST_PX
@@ -67,8 +68,7 @@ from lfpipe.scene.pack import (
 from lfpipe.scene.source import Progress
 
 T = TypeVar("T")
-# PSNR in dB of held-out views of a packed light field by method
-Score = Callable[[LightField], dict[str, float]]
+Score = Callable[[LightField], MethodScores]
 _ROOM_BYTES = 200_000_000  # for views that are processed at the same time
 _INTERIM_PX = 1 / 64  # step of the interim int16 maps, until the range of the whole scene is known
 _UNKNOWN = -32768  # in the interim maps: UNKNOWN
@@ -78,7 +78,7 @@ _NO_LIMIT_PX = 400.0  # larger disparities between neighbours are impossible
 def pack_scene(
     path: str | os.PathLike[str],
     settings: config.Scene,
-    score: Score = lambda field: {},
+    score: Score = lambda field: MethodScores(),
     progress: Progress = lambda what, done, total: None,
     views_ready: Callable[[Path], None] = lambda pack: None,
 ) -> LightField:
@@ -238,11 +238,12 @@ def _complete(scene: AnalysedScene, folder: Path, score: Score, progress: Progre
         if scene.rows * scene.cols > 1 and not scene.too_far_apart:
             progress("method", 0, 1)
             field = light_field(folder, manifest)
-            scores = score(field)
+            found = score(field)
             manifest = attrs.evolve(
                 manifest,
-                scores=scores,
-                method=best_method(scores, disparity.reach_px, field.disparity is not None),
+                scores=found.psnr_db,
+                errors={name: tuple(errors) for name, errors in found.errors.items()},
+                method=best_method(found.psnr_db, disparity.reach_px, field.disparity is not None),
             )
             progress("method", 1, 1)
         write_manifest(folder, manifest)

@@ -8,6 +8,7 @@ changes nothing.
 """
 
 import logging
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import Literal, Protocol
@@ -15,7 +16,7 @@ from typing import Literal, Protocol
 import attrs
 
 from lfpipe import config as config_module
-from lfpipe.config import SceneSummary, converter
+from lfpipe.config import DrawingCosts, SceneSummary, converter
 from lfpipe.config.modes import MouseViewer
 from lfpipe.errors import UserError
 from lfpipe.plugins import REQUESTS, guarded, load, plugins
@@ -34,7 +35,7 @@ OUTPUTS = {
     "record": ("record", "recording", "lfpipe ctl record"),
 }
 # requests that only the stage that shows pictures may send
-OF_THE_WINDOW = ("keep", "dialog")
+OF_THE_WINDOW = ("keep", "dialog", "costs")
 KEPT = ("section", "values", "depth")
 DEPTHS = ("yes", "no", "asked")  # saved values for the depth order of a scene
 LEASE_S, MAX_LEASE_S = 5.0, 60.0  # of the ring of pictures
@@ -232,6 +233,19 @@ def _keep(state: SessionState, message: Message, _t_ns: int) -> Reply:
     return Reply(check=FileCheck(check="keep", path=path, section=section, values=values))
 
 
+def _costs(state: SessionState, message: Message, _t_ns: int) -> Reply:
+    """Applies the measured costs of drawing."""
+    by_method = message.get("ns_per_px")
+    numbers = [message.get("picture_px"), message.get("cores")]
+    if not isinstance(by_method, dict) or not all(
+        isinstance(number, int | float) and 0 < number < math.inf
+        for number in (*by_method.values(), *numbers)
+    ):
+        raise BadMessage("costs needs `ns_per_px` by method, `picture_px` and `cores`")
+    costs = converter().structure(message, DrawingCosts)
+    return Reply(state=state.with_costs(costs))
+
+
 def _dialog(state: SessionState, message: Message, _t_ns: int) -> Reply:
     """Opens the desktop's dialog, for a folder or a file; `on_chosen` receives its path."""
     folder = message.get("folder")
@@ -335,5 +349,6 @@ HANDLERS: dict[str, Handler] = {
     "record": _output,
     "keep": _keep,
     "dialog": _dialog,
+    "costs": _costs,
     "stop": lambda _state, _message, _t_ns: Reply(stop=True),
 }

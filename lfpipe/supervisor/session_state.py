@@ -12,6 +12,7 @@ import attrs
 
 from lfpipe.config import (
     Config,
+    DrawingCosts,
     QualityLevel,
     Render,
     SceneSummary,
@@ -20,7 +21,7 @@ from lfpipe.config import (
     converter,
 )
 from lfpipe.config.modes import Lossless, Viewer, watching
-from lfpipe.config.quality import ladder
+from lfpipe.config.quality import first_level, quality_levels
 from lfpipe.supervisor.process_table import ON_DEMAND, asked_for, packet_ring, picture_ring
 from lfpipe.transport.control import Message
 from lfpipe.transport.ring import RingSpec
@@ -82,7 +83,7 @@ class SessionState:
     @property
     def levels(self) -> tuple[QualityLevel, ...]:
         """The quality levels allowed here; only full quality if nothing may depend on load."""
-        all_levels = ladder(self.config, self.options)
+        all_levels = quality_levels(self.config, self.options)
         fixed = isinstance(self.options.clock, Lossless) or self.config.governor.quality == "fixed"
         return all_levels[:1] if fixed else all_levels
 
@@ -160,6 +161,14 @@ class SessionState:
     def with_level(self, number: int) -> SessionState:
         """At another level of quality."""
         return self.changed(level=self.levels[number] if number else None)
+
+    def with_costs(self, costs: DrawingCosts) -> SessionState:
+        """With the measured costs of drawing: at the best level that fits the display's period, or
+        at a lower one that is in use.
+        """
+        new = self.changed(costs=costs)
+        number = max(first_level(new.config, new.options, new.levels), new.level.number)
+        return new.with_level(number)
 
     def with_pictures(self, until_ns: int) -> SessionState:
         """With the ring of pictures leased at least until then; self if only the lease is

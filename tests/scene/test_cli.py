@@ -191,6 +191,7 @@ MANIFEST = {
     },
     "notes": list,
     "scores": {"nearest": float, "blend": float, "warp": float, "warp2": float},
+    "errors": {"nearest": list, "blend": list, "warp": list, "warp2": list},
     "method": str,
 }
 FACTS = {

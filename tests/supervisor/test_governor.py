@@ -1,9 +1,7 @@
-"""The governor under loads of any shape, the ladder of levels, and the cores of stages."""
+"""The governor under loads of any shape, and the cores of stages."""
 
-import json
 from collections.abc import Callable
 from itertools import pairwise
-from typing import Any
 
 import attrs
 import numpy as np
@@ -11,16 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfpipe.config import Config, Render, SessionOptions, converter
-from lfpipe.config.modes import NoViewer
-from lfpipe.config.quality import (
-    METHODS,
-    ladder,
-    level_number,
-    lowered,
-    method_in_use,
-    tracked_every,
-)
+from lfpipe.config import Config, DrawingCosts, Render, SessionOptions
 from lfpipe.supervisor import process_table
 from lfpipe.supervisor.governor import GAP_S, Governor, Load, QualityControl, Step
 from lfpipe.supervisor.session_state import SessionState
@@ -236,95 +225,7 @@ def test_governor_is_at_full_quality_30_s_after_a_single_burst(burst_s: float) -
     assert len(changes) == 2 or burst_s > 1, "one level down and up again"
 
 
-@pytest.mark.parametrize(
-    ("wanted", "scene", "scores", "drawn"),
-    [
-        ("warp2", "blend", {"blend": 38.1, "warp2": 37.9}, "blend"),  # its own test shows it worse
-        ("warp2", "blend", {"blend": 38.1, "warp2": 38.1}, "warp2"),
-        # the scene's own is not worth a warp: asked for, it is drawn
-        ("warp", "blend", {"blend": 37.0, "warp": 38.0}, "warp"),
-        # a cheaper warp is a choice, not a fault
-        ("warp", "warp2", {"warp2": 50.0, "warp": 48.0}, "warp"),
-        ("warp", "blend", {}, "warp"),
-        ("nearest", "warp2", {"warp2": 50.0, "nearest": 30.0}, "nearest"),
-        ("blend", "nearest", {"nearest": 50.0, "blend": 40.0}, "blend"),
-    ],
-)
-def test_method_in_use_warps_where_that_is_not_worse(
-    wanted: str, scene: str, scores: dict[str, float], drawn: str
-) -> None:
-    assert method_in_use(wanted, scene, True, scores) == drawn
-
-
-def _options(method: str, disparity: bool, **more: Any) -> SessionOptions:
-    scene = attrs.evolve(SCENE, rows=5, cols=5, method=method, has_disparity=disparity, scores={})
-    return SessionOptions(scene=scene, **more)
-
-
-@pytest.mark.parametrize(
-    ("asked", "scene", "disparity", "wanted"),
-    [
-        ("warp2", "warp", True, ["warp2", "warp", "blend", "nearest"]),
-        ("auto", "warp", True, ["warp", "blend", "nearest"]),
-        ("auto", "nearest", False, ["nearest"]),
-        ("warp2", "nearest", False, ["nearest"]),
-        ("blend", "warp2", True, ["blend", "nearest"]),
-    ],
-)
-def test_ladder_begins_at_what_is_asked_for(
-    asked: str, scene: str, disparity: bool, wanted: list[str]
-) -> None:
-    config = Config(render=Render(method=asked))  # type: ignore[arg-type]
-    levels = ladder(config, _options(scene, disparity))
-    assert [level.number for level in levels] == list(range(len(levels)))
-    assert list(dict.fromkeys(level.method for level in levels)) == wanted
-    assert [(level.method, level.rate_hz, level.every) for level in levels[-2:]] == [
-        ("nearest", 30.0, 1),
-        ("nearest", 30.0, 2),
-    ]
-    assert len({level.words for level in levels}) == len(levels) and levels[0].words == "full"
-    assert wanted[0] == method_in_use(asked, scene, disparity, {}) and wanted[0] in METHODS
-
-
-def test_ladder_holds_only_levels_that_help() -> None:
-    options = _options("warp", True)
-    paper = Config(render=Render(clock="camera", method="nearest"))
-    assert len(ladder(paper, options)) == 1
-    assert options.scene is not None
-    deep = attrs.evolve(
-        options, scene=attrs.evolve(options.scene, disparity_min_px=-6.0, disparity_max_px=6.0)
-    )
-    shallow = {level.method for level in ladder(Config(render=Render(method="warp2")), options)}
-    assert {
-        level.method for level in ladder(Config(render=Render(method="warp2")), deep)
-    } == shallow - {"blend"}
-    assert {level.every for level in ladder(Config(render=Render(clock="camera")), options)} == {1}
-    assert len(ladder(Config(), SessionOptions(show=False, viewer=NoViewer()))) == 1
-    assert {
-        level.every for level in ladder(Config(), attrs.evolve(options, viewer=NoViewer()))
-    } == {1}, "nothing is tracked"
-    assert [
-        level.rate_hz
-        for level in ladder(Config(render=Render(method="nearest", rate_hz=120)), options)
-    ] == [120, 60, 30, 30]
-
-
-def test_lowered_applies_a_level_and_keeps_the_configuration() -> None:
-    config = Config()
-    options = _options("warp", True)
-    for level in ladder(config, options):
-        sent = converter().unstructure(attrs.evolve(options, level=level if level.number else None))
-        told = converter().structure(json.loads(json.dumps(sent)), SessionOptions)
-        work = lowered(config, told)
-        assert (level_number(told), tracked_every(told)) == (level.number, level.every)
-        drawn = work.render.method, work.render.nominal_hz
-        assert work == config if not level.number else drawn == (level.method, level.rate_hz)
-        assert attrs.evolve(work, render=config.render) == config
-    assert (
-        lowered(config, options) is config
-        and level_number(options) == 0
-        and tracked_every(options) == 1
-    )
+COSTS = DrawingCosts(ns_per_px={"warp": 7.0, "nearest": 1.5}, picture_px=512**2, cores=2)
 
 
 def _rows() -> dict[str, np.ndarray]:
@@ -343,7 +244,9 @@ class Session:
         config: Config | None = None,
         cores: dict[str, tuple[int, ...]] | None = None,
     ) -> None:
-        self.state = SessionState.first(config or Config(), _options("warp", True))
+        self.state = SessionState.first(
+            config or Config(), SessionOptions(scene=SCENE, costs=COSTS)
+        )
         self.rows = _rows()
         self.t_ns = 0
         self.control = QualityControl(cores or {})
@@ -390,8 +293,8 @@ def test_quality_control_begins_another_scene_at_full_quality() -> None:
     )
     session.work(0.1, "", "")
     assert session.state.level.number == 1
-    flat = _options("nearest", False).scene
-    assert flat is not None and session.state.loaded(flat).level.number == 0
+    flat = attrs.evolve(SCENE, pack="/flat", method="nearest", has_disparity=False)
+    assert session.state.loaded(flat).level.number == 0
 
 
 def test_quality_control_judges_nothing_while_a_stage_starts() -> None:

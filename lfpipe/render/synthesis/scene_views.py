@@ -89,7 +89,10 @@ class SceneViews:
         channels = stored_channels(self.field, plane)
         if len(channels) > 1:
             return lambda frame, row, col: self.built(frame, row, col, plane)
-        channel = channels[0]
+        return self.channel(channels[0])
+
+    def channel(self, channel: int) -> Source:
+        """As `source`, of a stored channel."""
         if self._reduces:
             return lambda frame, row, col: self._reduced(frame, row, col)[channel]
         return lambda frame, row, col: self._views[frame, row, col, channel]

@@ -1,17 +1,27 @@
 """Scores of the rendering methods: every second view is held out, predicted from the others, and
-compared. `scene.classification` interprets the scores.
+compared. `scene.classification` interprets the scores, `config.quality` the errors.
 """
 
+import itertools
 import math
+from collections.abc import Callable
 
 import attrs
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from lfpipe.config.quality import METHODS, WARPS, may_fade
+from lfpipe.config.quality import METHODS, SIZES, WARPS
+from lfpipe.files.decoding import fit_area
 from lfpipe.host.machine import add
 from lfpipe.render.synthesis.engine import Synthesiser
-from lfpipe.render.synthesis.scene_views import SceneViews
-from lfpipe.scene.lightfield import LightField
+from lfpipe.render.synthesis.scene_views import SceneViews, reduced
+from lfpipe.render.synthesis.viewpoint import Position
+from lfpipe.scene.lightfield import LightField, MethodScores
+
+SCREEN_PX = (1920, 1080)  # (width, height) that scores are for: larger views are reduced to it
+BETWEEN = (0.25, 0.5, 0.75)  # viewpoints on a line of two views, none of which can be held out
+PATH_STEPS = 8  # of a viewpoint from one stored view to the next
 
 
 def psnr_db(mean_square: float) -> float:
@@ -53,34 +63,101 @@ def left_out(field: LightField, count: int) -> list[tuple[int, int]]:
     return [inside[int(k)] for k in chosen]
 
 
-def score(field: LightField, method: str, places: list[tuple[int, int]]) -> float:
-    """Mean PSNR in dB of the held-out views of field, each made by method from its `thinned`
-    neighbours (green plane).
-    """
-    kept = thinned(field)
-    channel = min(1, field.channels - 1)
-    synthesiser = Synthesiser(SceneViews(kept), method)
-    views = np.asarray(kept.views)
-    out = [np.empty((field.height_px, field.width_px), np.uint8)]
-    levels_db = []
-    for row, col in places:
-        (plane,) = synthesiser.render(
-            (row / 2, col / 2), 0, 0.0, [lambda frame, r, c: views[frame, r, c, channel]], out
-        )
-        error = plane.astype(np.float32) - np.asarray(field.views[0, row, col, channel], np.float32)
-        levels_db.append(psnr_db(float(np.mean(error**2))))
-    return add(levels_db) / len(levels_db)
+Draw = Callable[[Position], NDArray[np.float32]]  # the green plane at a viewpoint
 
 
-def scores(field: LightField, count: int = 7) -> dict[str, float]:
-    """{method: PSNR in dB} of about count held-out views, without methods that are never used for
-    this scene; empty for a grid too small to hold out a view.
+def scores(field: LightField, count: int = 7) -> MethodScores:
+    """The scores of the methods on about count held-out views, and their errors at each of SIZES.
+
+    The error is in grey levels: of the picture against the held-out view, at the size on a screen,
+    combined with the largest step of a moving viewpoint beyond the usual one, because a jump
+    disturbs more than a soft picture. Where no view can be held out, the costliest method at full
+    size counts as exact.
     """
-    places = left_out(field, count)
-    fades = may_fade(field.disparity_min_px, field.disparity_max_px)
+    held_out = left_out(field, count)
+    kept = thinned(field) if held_out else field
+    own_px = field.width_px, field.height_px
+    screen_px = fit_area(own_px, SCREEN_PX)[2:]
+    width, height = screen_px if screen_px[0] < own_px[0] else own_px
     methods = [
-        name
-        for name in reversed(METHODS)
-        if (fades or name != "blend") and (field.disparity is not None or name not in WARPS)
+        name for name in reversed(METHODS) if field.disparity is not None or name not in WARPS
     ]
-    return {method: score(field, method, places) for method in methods} if places else {}
+
+    def drawn(method: str, size: float = 1.0) -> Draw:
+        return _drawing(kept, method, (width, height), size)
+
+    if held_out:
+        green = field.views[0, :, :, min(1, field.channels - 1)]
+        truth = {
+            (row / 2, col / 2): reduced(np.asarray(green[row, col]), (width, height)).astype(
+                np.float32
+            )
+            for row, col in held_out
+        }
+    else:
+        best = drawn(methods[-1])
+        truth = {place: best(place) for place in _between(field)}
+    squares = {
+        (method, size): [
+            float(np.mean((draw(place) - exact) ** 2)) for place, exact in truth.items()
+        ]
+        for method, size in itertools.product(methods, SIZES)
+        for draw in [drawn(method, size)]
+    }
+    jumps = {method: _jump(drawn(method), _path(kept, next(iter(truth)))) for method in methods}
+    return MethodScores(
+        psnr_db={method: add(map(psnr_db, squares[method, 1.0])) / len(truth) for method in methods}
+        if held_out
+        else {},
+        errors={
+            method: [
+                math.sqrt(add(squares[method, size]) / len(truth) + jumps[method] ** 2)
+                for size in SIZES
+            ]
+            for method in methods
+        },
+    )
+
+
+def _drawing(field: LightField, method: str, screen_px: tuple[int, int], size: float) -> Draw:
+    """Draws views of field at `size` of screen_px (width, height), and scales them up to it."""
+    width, height = (max(1, round(n * size)) for n in screen_px)
+    views = SceneViews(field, (width, height))
+    synthesiser = Synthesiser(views, method)
+    channel = min(1, field.channels - 1)
+    out = [np.empty((height, width), np.uint8)]
+
+    def draw(place: Position) -> NDArray[np.float32]:
+        (plane,) = synthesiser.render(place, 0, 0.0, [views.channel(channel)], out)
+        whole = plane if size == 1 else cv2.resize(plane, screen_px, interpolation=cv2.INTER_CUBIC)
+        return whole.astype(np.float32)
+
+    return draw
+
+
+def _between(field: LightField) -> list[Position]:
+    """Viewpoints between the first two views; on them if there is one."""
+    last_row, last_col = min(field.rows - 1, 1), min(field.cols - 1, 1)
+    return [(t * last_row, t * last_col) for t in BETWEEN]
+
+
+def _path(field: LightField, place: Position) -> list[Position]:
+    """Viewpoints from one stored view to the next, sideways if there are columns."""
+    row, col = (
+        min(math.floor(at), max(n - 2, 0))
+        for at, n in zip(place, (field.rows, field.cols), strict=True)
+    )
+    down, right = (0, 1) if field.cols > 1 else (1, 0)
+    steps = [k / PATH_STEPS for k in range(PATH_STEPS + 1)]
+    return [(row + t * down, col + t * right) for t in steps]
+
+
+def _jump(draw: Draw, path: list[Position]) -> float:
+    """The largest step between neighbouring pictures on a path beyond the median one, in grey
+    levels.
+    """
+    steps = [
+        math.sqrt(float(np.mean((after - before) ** 2)))
+        for before, after in itertools.pairwise(map(draw, path))
+    ]
+    return max(steps) - float(np.median(steps))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Config
 from lfpipe.config.camera_pose import CameraPose
+from lfpipe.config.quality import thread_count
 from lfpipe.eyes import (
     MAX_EYE_PX,
     MAX_PREDICTION_S,
@@ -54,7 +55,6 @@ MOVED = 0.01  # change of the distance after which the views between the eyes ar
 # away from all vblanks. At a vblank, noise would choose the frame.
 VIDEO_LEAD = 0.3
 
-LARGE_PX = 1 << 20  # of a picture: drawing one takes most of a refresh of 60 Hz
 Size = tuple[int, int]  # (width, height), px
 
 
@@ -218,7 +218,7 @@ class Viewer:
     def _make_compositor(
         self, field: LightField, config: Config, size_px: Size, last: Viewpoints | None = None
     ) -> Compositor:
-        helper = self._canvas.helper if math.prod(size_px) >= LARGE_PX else None
+        helper = self._canvas.helper if thread_count(math.prod(size_px), 2) > 1 else None
         made = Compositor(field, config.render, helper, size_px)
         if last is not None:
             made.prepare(last.left, last.right, last.frame)

@@ -1,0 +1,180 @@
+"""Levels of quality: which drawings are worth their time, and what a session lowers."""
+
+import json
+from itertools import pairwise
+from typing import Any
+
+import attrs
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lfpipe.config import Config, DrawingCosts, Render, SessionOptions, converter
+from lfpipe.config.modes import NoViewer
+from lfpipe.config.quality import (
+    METHODS,
+    SAVING,
+    SIZES,
+    drawing_levels,
+    first_level,
+    level_number,
+    lowered,
+    method_in_use,
+    quality_levels,
+    tracked_every,
+)
+from tests.supervisor.states import SCENE
+
+# of a scene of 512x512 px, and of the machine that the figures are from
+ERRORS = {
+    "warp2": (0.9, 2.0, 2.9),
+    "warp": (1.2, 2.1, 2.7),
+    "blend": (4.1, 4.2, 4.3),
+    "nearest": (12.0, 12.1, 12.2),
+}
+COSTS = {"warp2": 10.0, "warp": 7.0, "blend": 2.0, "nearest": 1.5}
+
+
+@pytest.mark.parametrize(
+    ("wanted", "scene", "scores", "drawn"),
+    [
+        ("warp2", "blend", {"blend": 38.1, "warp2": 37.9}, "blend"),  # its own test shows it worse
+        ("warp2", "blend", {"blend": 38.1, "warp2": 38.1}, "warp2"),
+        # the scene's own is not worth a warp: asked for, it is drawn
+        ("warp", "blend", {"blend": 37.0, "warp": 38.0}, "warp"),
+        # a cheaper warp is a choice, not a fault
+        ("warp", "warp2", {"warp2": 50.0, "warp": 48.0}, "warp"),
+        ("warp", "blend", {}, "warp"),
+        ("nearest", "warp2", {"warp2": 50.0, "nearest": 30.0}, "nearest"),
+        ("blend", "nearest", {"nearest": 50.0, "blend": 40.0}, "blend"),
+    ],
+)
+def test_method_in_use_warps_where_that_is_not_worse(
+    wanted: str, scene: str, scores: dict[str, float], drawn: str
+) -> None:
+    assert method_in_use(wanted, scene, True, scores) == drawn
+
+
+def options(
+    method: str = "warp2", costs: dict[str, float] = COSTS, side_px: int = 512, **more: Any
+) -> SessionOptions:
+    """Of a scene with errors, in a window of side_px squared."""
+    scene = attrs.evolve(
+        SCENE, rows=5, cols=5, method=method, scores={}, errors=ERRORS, **more.pop("scene", {})
+    )
+    known = DrawingCosts(ns_per_px=costs, picture_px=side_px**2, cores=2)
+    return SessionOptions(scene=scene, costs=known, **more)
+
+
+def test_drawing_levels_are_the_hull_of_error_against_time() -> None:
+    drawn = [(level.method, level.size) for level in drawing_levels("warp2", ERRORS, COSTS)]
+    assert drawn == [
+        ("warp2", 1.0),
+        ("warp", 1.0),
+        ("warp", 0.7),
+        ("warp", 0.5),
+        ("blend", 0.5),
+        ("nearest", 0.5),
+    ]
+    assert {level.method for level in drawing_levels("blend", ERRORS, COSTS)} == {
+        "blend",
+        "nearest",
+    }
+    assert drawing_levels("warp2", ERRORS, {}) == ()
+    alone = [(level.method, level.size) for level in drawing_levels("nearest", {}, COSTS)]
+    assert alone == [("nearest", 1.0), ("nearest", 0.7), ("nearest", 0.5)]
+
+
+@given(
+    errors=st.dictionaries(
+        st.sampled_from(METHODS), st.tuples(*len(SIZES) * [st.floats(0, 100)]), min_size=1
+    ),
+    costs=st.fixed_dictionaries(dict.fromkeys(METHODS, st.floats(0.01, 100))),
+)
+def test_drawing_levels_save_at_each_step_and_waste_no_error(
+    errors: dict[str, tuple[float, ...]], costs: dict[str, float]
+) -> None:
+    method = next(iter(errors))
+    levels = drawing_levels(method, errors, costs)
+    assert (levels[0].method, levels[0].size) == (method, 1.0)
+    for before, after in pairwise(levels):
+        assert after.ns_per_px <= SAVING * before.ns_per_px
+        # nothing of the same or less time has a smaller error
+        for name, sized in errors.items():
+            for size, error in zip(SIZES, sized, strict=True):
+                if costs[name] * size**2 <= after.ns_per_px:
+                    assert error >= after.error - 1e-9
+
+
+@pytest.mark.parametrize(
+    ("asked", "scene", "wanted"),
+    [
+        ("auto", "warp2", ["warp2", "warp", "blend", "nearest"]),
+        ("blend", "warp2", ["blend", "nearest"]),
+        ("nearest", "warp2", ["nearest", "blend"]),  # which is better at half the size
+    ],
+)
+def test_quality_levels_begin_at_what_is_asked_for(
+    asked: str, scene: str, wanted: list[str]
+) -> None:
+    config = Config(render=Render(method=asked))  # type: ignore[arg-type]
+    levels = quality_levels(config, options(scene))
+    assert [level.number for level in levels] == list(range(len(levels)))
+    assert list(dict.fromkeys(level.method for level in levels)) == wanted
+    assert [(level.rate_hz, level.every) for level in levels[-2:]] == [(30.0, 1), (30.0, 2)]
+    assert len({level.words for level in levels}) == len(levels) and levels[0].words == "full"
+    assert wanted[0] == method_in_use(asked, scene, True, {}) and wanted[0] in METHODS
+
+
+def test_quality_levels_hold_only_what_helps() -> None:
+    paper = Config(render=Render(clock="camera", method="nearest"))
+    sizes = {level.size for level in quality_levels(paper, options())}
+    assert sizes == set(SIZES), "one picture per frame: only its drawing is reduced"
+    unmeasured = attrs.evolve(options(), costs=None)
+    assert {(level.method, level.size) for level in quality_levels(Config(), unmeasured)} == {
+        ("warp2", 1.0)
+    }
+    assert len(quality_levels(Config(), SessionOptions(show=False, viewer=NoViewer()))) == 1
+    assert {level.every for level in quality_levels(Config(), options(viewer=NoViewer()))} == {1}, (
+        "nothing is tracked"
+    )
+    fast = Config(render=Render(method="nearest", rate_hz=120))
+    rates = [level.rate_hz for level in quality_levels(fast, options())]
+    assert list(dict.fromkeys(rates)) == [120, 60, 30]
+
+
+@pytest.mark.parametrize(
+    ("side_px", "rate_hz", "first"),
+    [
+        (512, 60, ("warp2", 1.0)),  # 2.6 of 16.7 ms
+        (1080, 60, ("warp2", 1.0)),  # 11.7 ms, by two threads
+        (1600, 60, ("warp", 1.0)),  # 12.8 by two threads, and 9.0
+        (1080, 144, ("warp", 1.0)),
+        (9000, 60, ("nearest", 0.5)),  # none fits: the cheapest drawing of a lower rate
+    ],
+)
+def test_first_level_fits_the_refresh(side_px: int, rate_hz: int, first: tuple[str, float]) -> None:
+    config = Config(render=Render(rate_hz=rate_hz))
+    session = options(side_px=side_px)
+    levels = quality_levels(config, session)
+    level = levels[first_level(config, session, levels)]
+    assert (level.method, level.size) == first
+
+
+def test_lowered_applies_a_level_and_keeps_the_configuration() -> None:
+    config = Config()
+    session = options()
+    for level in quality_levels(config, session):
+        sent = converter().unstructure(attrs.evolve(session, level=level if level.number else None))
+        told = converter().structure(json.loads(json.dumps(sent)), SessionOptions)
+        work = lowered(config, told)
+        assert (level_number(told), tracked_every(told)) == (level.number, level.every)
+        drawn = work.render.method, work.render.nominal_hz
+        assert work == config if not level.number else drawn == (level.method, level.rate_hz)
+        assert attrs.evolve(work, render=config.render) == config
+        assert told.scene is not None and told.scene.errors == ERRORS
+    assert (
+        lowered(config, session) is config
+        and level_number(session) == 0
+        and tracked_every(session) == 1
+    )
