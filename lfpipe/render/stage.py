@@ -167,14 +167,19 @@ class RenderStage:
         """
         cores = self._context.cores
 
-        def thread(name: str) -> ThreadPoolExecutor:
-            return ThreadPoolExecutor(1, name, run_on, (cores,))  # on any core
+        def threads(count: int, name: str) -> ThreadPoolExecutor:
+            return ThreadPoolExecutor(count, name, run_on, (cores,))  # on any core
 
-        helper = thread("half") if len(cores) > 1 else None
+        helpers = threads(len(cores) - 1, "rows") if len(cores) > 1 else None
         if self._lossless:
-            return Canvas(helper=helper)
-        self._preparer = thread("prepare")
-        return Canvas(shown_px=self._display.shown_px, helper=helper, preparer=self._preparer)
+            return Canvas(helpers=helpers, cores=len(cores))
+        self._preparer = threads(1, "prepare")
+        return Canvas(
+            shown_px=self._display.shown_px,
+            helpers=helpers,
+            cores=len(cores),
+            preparer=self._preparer,
+        )
 
     def _measure_costs(self) -> None:
         """Begins to measure what pictures cost, beside the pictures."""
@@ -190,7 +195,7 @@ class RenderStage:
             "costs",
             ns_per_px=self._costs.result(),
             picture_px=min(math.prod(shown_px), self._field.width_px * self._field.height_px),
-            cores=min(len(self._context.cores), 2),
+            cores=len(self._context.cores),
         )
         self._costs = None
 

@@ -20,6 +20,7 @@ from lfpipe.render.synthesis.anaglyph import MATRICES, encode, recipe
 from lfpipe.render.synthesis.compositor import Compositor
 from lfpipe.render.synthesis.pair_layout import arrange_stereo_pair, scale_into
 from lfpipe.render.viewer.viewer import Viewer
+from lfpipe.scene.lightfield import UNKNOWN
 from tests.render import rendered
 from tests.render.rendered import METHODS, OUTPUTS
 
@@ -187,14 +188,22 @@ def test_viewer_takes_whatever_a_tracker_says(
 
 
 @pytest.mark.parametrize("method", ["nearest", "warp2"])
-def test_compose_with_two_threads_is_the_same_picture(method: Method) -> None:
-    field = rendered.field(2, 3, 130, 94)
-    how = Render(method=method, anaglyph="dubois")
-    with ThreadPoolExecutor(1) as helper:
-        one, two = Compositor(field, how), Compositor(field, how, helper)
+@pytest.mark.parametrize("threads", [2, 3, 8])
+@pytest.mark.parametrize("unknown", [False, True])
+def test_compose_with_several_threads_is_the_same_picture(
+    method: Method, threads: int, unknown: bool
+) -> None:
+    field = rendered.field(2, 3, 131, 95)
+    if unknown:
+        disparity = np.array(field.disparity)
+        disparity[..., 20:40, 10:30] = UNKNOWN
+        field = attrs.evolve(field, disparity=disparity)
+    how = Render(method=method, anaglyph="dubois", zero_plane_px=0.4)
+    with ThreadPoolExecutor(threads - 1) as helpers:
+        one, several = Compositor(field, how), Compositor(field, how, helpers, threads)
         for place in np.random.default_rng(1).uniform(0, 2, (8, 3)).tolist():
-            left, right = (place[0], place[1]), (place[0], place[2])
-            np.testing.assert_array_equal(one.compose(left, right), two.compose(left, right))
+            left, right = (place[0] / 2, place[1]), (place[0] / 2, place[2])
+            np.testing.assert_array_equal(one.compose(left, right), several.compose(left, right))
 
 
 LEFT, RIGHT = (10, 20, 200), (220, 120, 30)

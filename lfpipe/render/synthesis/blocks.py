@@ -50,6 +50,12 @@ def bands_of(rows: int, row_bytes: int, most_bytes: int = BAND_BYTES) -> list[sl
     return [slice(first, min(first + height, rows)) for first in range(0, rows, height)]
 
 
+def split_rows(height_px: int, count: int) -> list[slice]:
+    """The rows of a picture in at most `count` parts of whole blocks."""
+    rows = 2 * math.ceil((height_px + 1) // 2 / count)
+    return [slice(top, min(top + rows, height_px)) for top in range(0, height_px, rows)]
+
+
 def shifted(plane: NDArray[Pixel], dy: int, dx: int, box: Box) -> NDArray[Pixel]:
     """A box of the picture with plane[y + dy, x + dx] at (y, x) and a repeated border: a part of
     the plane itself, or a new array.

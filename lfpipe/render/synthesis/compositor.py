@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import Render
-from lfpipe.config.quality import method_in_use
+from lfpipe.config.quality import WARPS, method_in_use
 from lfpipe.render.synthesis.anaglyph import (
     BLUE,
     GREEN,
@@ -20,10 +20,10 @@ from lfpipe.render.synthesis.anaglyph import (
     Recipe,
     recipe,
 )
-from lfpipe.render.synthesis.blocks import unaligned_array
+from lfpipe.render.synthesis.blocks import split_rows, unaligned_array
 from lfpipe.render.synthesis.engine import Synthesiser
 from lfpipe.render.synthesis.pair_layout import Pair, arrange_stereo_pair
-from lfpipe.render.synthesis.scene_views import SceneViews, Source
+from lfpipe.render.synthesis.scene_views import SceneViews
 from lfpipe.render.synthesis.viewpoint import Position, extrapolation_views
 from lfpipe.render.synthesis.zero_plane import zero_plane_px
 from lfpipe.scene.lightfield import LightField
@@ -84,31 +84,23 @@ def _quantum(method: str, disparity_px: float) -> float:
     return max(1 / 1024, 2.0 ** math.floor(math.log2(step)))
 
 
-@attrs.frozen(kw_only=True)
-class _Eye:
-    """The planes of one eye's view."""
-
-    planes: list[int]  # indices in the picture
-    sources: list[Source]  # of each plane
-    scratch: list[NDArray[np.uint8]]  # of each plane
-    synthesiser: Synthesiser
-
-
 class Compositor:
     """Draws pictures of one light field with one set of render settings; a changed setting is a new
     Compositor.
 
     method: the method in use: `auto` resolved, and `nearest` for a light field that cannot be
     warped for want of disparity. Starts with a few small tables; views are built when first shown.
-    helper: a thread that draws the right eye's planes, and mixes half of the picture. size_px:
-    (width, height) of the pictures, of the light field's aspect and no larger; its own for None.
+    helpers: threads that draw warped pictures with the calling one, `threads` in all, each some
+    rows. size_px: (width, height) of the pictures, of the light field's aspect and no larger; its
+    own for None.
     """
 
     def __init__(
         self,
         field: LightField,
         render: Render,
-        helper: Executor | None = None,
+        helpers: Executor | None = None,
+        threads: int = 1,
         size_px: tuple[int, int] | None = None,
     ) -> None:
         self.method = method_for(field, render.method)
@@ -122,20 +114,16 @@ class Compositor:
         mix = recipe_for(render)
         self._mixer = Mixer(mix, shape)
         self._planes = [np.empty(shape, np.uint8) for _ in mix.planes]
-        self._eyes: list[_Eye] = []
-        for eye in (0, 1):
-            of_eye = [k for k, plane in enumerate(mix.planes) if plane.eye == eye]
-            if not eye or helper:
-                synthesiser = Synthesiser(views, self.method)
-            self._eyes.append(
-                _Eye(
-                    planes=of_eye,
-                    sources=[views.source(mix.planes[k]) for k in of_eye],
-                    scratch=[self._planes[k] for k in of_eye],
-                    synthesiser=synthesiser,
-                )
-            )
-        self._helper = helper if all(eye.planes for eye in self._eyes) else None
+        self._eyes = [
+            [k for k, plane in enumerate(mix.planes) if plane.eye == eye] for eye in (0, 1)
+        ]
+        self._sources = [views.source(plane) for plane in mix.planes]
+        # a cross-fade is limited by memory, not by the processor
+        parts = threads if helpers is not None and self.method in WARPS else 1
+        self._parts = [
+            Synthesiser(views, self.method, rows) for rows in split_rows(views.height_px, parts)
+        ]
+        self._helpers = helpers
         self._picture = unaligned_array((*shape, 3))
         self.pair: Pair | None = None
         """The views of the last picture, if it consists of two."""
@@ -195,29 +183,38 @@ class Compositor:
 
     def prepare(self, left: Position, right: Position, frame: int = 0) -> None:
         """Builds, in the calling thread alone, what the picture for two viewpoints needs."""
-        frame, *positions = self.key(left, right, frame)
-        for eye, position in zip(self._eyes, positions, strict=True):
-            self._draw_eye(eye, frame, position)
+        frame, left, right = self.key(left, right, frame)
+        for part in self._parts:
+            self._draw_rows(part, frame, left, right, self._picture)
 
     def _mix(self, frame: int, left: Position, right: Position, out: NDArray[np.uint8]) -> None:
-        if self._helper is None:
-            self._draw_eye(self._eyes[0], frame, left)
-            self._draw_eye(self._eyes[1], frame, right)
-            self._mixer.mix(self._planes, out)
-            return
-        drawn = self._helper.submit(self._draw_eye, self._eyes[1], frame, right)
-        self._draw_eye(self._eyes[0], frame, left)
-        drawn.result()
-        middle = len(out) // 2
-        mixed = self._helper.submit(self._mixer.mix, self._planes, out, slice(middle, None))
-        self._mixer.mix(self._planes, out, slice(middle))
-        mixed.result()
+        first, *others = self._parts
+        drawn = [
+            self._helpers.submit(self._draw_rows, part, frame, left, right, out)
+            for part in others
+            if self._helpers is not None
+        ]
+        self._draw_rows(first, frame, left, right, out)
+        for rows in drawn:
+            rows.result()
 
-    def _draw_eye(self, eye: _Eye, frame: int, position: Position) -> None:
-        if eye.planes:
-            drawn = eye.synthesiser.render(position, frame, self._zero_px, eye.sources, eye.scratch)
-            for k, plane in zip(eye.planes, drawn, strict=True):
-                self._planes[k] = plane
+    def _draw_rows(
+        self,
+        part: Synthesiser,
+        frame: int,
+        left: Position,
+        right: Position,
+        out: NDArray[np.uint8],
+    ) -> None:
+        planes = list(self._planes)
+        for of_eye, position in zip(self._eyes, (left, right), strict=True):
+            if of_eye:
+                sources = [self._sources[k] for k in of_eye]
+                outs = [self._planes[k] for k in of_eye]
+                drawn = part.render(position, frame, self._zero_px, sources, outs)
+                for k, plane in zip(of_eye, drawn, strict=True):
+                    planes[k] = plane
+        self._mixer.mix(planes, out, part.rows)
 
 
 class ViewRenderer:

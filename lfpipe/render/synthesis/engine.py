@@ -36,13 +36,14 @@ class Layer(NamedTuple):
 
 
 class Synthesiser:
-    """Planes of a light field from any viewpoint."""
+    """Planes of a light field from any viewpoint. rows: of the picture, which are drawn."""
 
-    def __init__(self, scene: SceneViews, method: str) -> None:
+    def __init__(self, scene: SceneViews, method: str, rows: slice = slice(None)) -> None:
         self.method = method
+        self.rows = slice(*rows.indices(scene.height_px))
         self._rows, self._cols = scene.field.rows, scene.field.cols
         self._centre = ((self._rows - 1) / 2, (self._cols - 1) / 2)
-        self._warper = Warper(scene) if method in WARPS else None
+        self._warper = Warper(scene, self.rows) if method in WARPS else None
         height, width = scene.height_px, scene.width_px
         self._whole = slice(0, height), slice(0, width)
         self._blocks = Blocks(height, width)
@@ -61,8 +62,8 @@ class Synthesiser:
         """One plane for each source, at most four, seen from position.
 
         zero_plane_px: disparity in the plane of the screen. outs: uint8 (height, width)
-        each, to draw into. Returns the planes: an element of outs, the stored plane itself if that
-        is the picture, or a shifted copy.
+        each, to draw its rows into. Returns the planes: an element of outs, the stored plane itself
+        if that is the picture, or a shifted copy.
         """
         views = view_weights(self.method, position, self._rows, self._cols)
         if self._warper is None:
@@ -86,7 +87,10 @@ class Synthesiser:
             )
         # cross-fade the parts with unknown disparity
         layers = []
-        for box, share in self._warper.unknown(frame, position, shift):
+        for whole_box, whole_share in self._warper.unknown(frame, position, shift):
+            box, share = _within(whole_box, whole_share, self.rows)
+            if not share.size:
+                continue
             if not layers:
                 views = view_weights("blend", position, self._rows, self._cols)
                 layers = self._layers(frame, views, zero_plane_px, sources)
@@ -145,3 +149,10 @@ class Synthesiser:
                     cv2.addWeighted(sample, share, blocks, 1 - share, 0.0, blocks)
                 if outs:
                     self._blocks.pixels(blocks, outs[k][2 * band.start : 2 * band.stop])
+
+
+def _within(box: Box, share: NDArray[np.float32], rows: slice) -> tuple[Box, NDArray[np.float32]]:
+    """The part of a box of the picture, and of the values in it, that lies in rows."""
+    top, bottom = max(box[0].start, rows.start), min(box[0].stop, rows.stop)
+    inside = slice(top, max(top, bottom))
+    return (inside, box[1]), share[inside.start - box[0].start : inside.stop - box[0].start]

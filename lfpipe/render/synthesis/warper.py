@@ -37,11 +37,11 @@ class Unknown:
 
 
 class Warper:
-    """Sampling maps from the disparity of a light field; owns its buffers, so a call allocates
-    nothing.
+    """Sampling maps from the disparity of a light field, for some rows of pictures; owns its
+    buffers, so a call allocates nothing.
     """
 
-    def __init__(self, scene: SceneViews) -> None:
+    def __init__(self, scene: SceneViews, drawn_rows: slice) -> None:
         field = scene.field
         if field.disparity is None:
             raise ValueError("a light field without disparity cannot be warped")
@@ -68,10 +68,15 @@ class Warper:
             np.mgrid[:rows, :cols][::-1].transpose(1, 2, 0), np.int16
         )
         self._places = places(scene.height_px, scene.width_px)
-        self.bands = bands_of(rows, 16 * cols)
+        first, end = drawn_rows.start // 2, (drawn_rows.stop + 1) // 2
+        self._drawn = first, end
+        self.bands = [
+            slice(first + band.start, first + band.stop)
+            for band in bands_of(end - first, 16 * cols)
+        ]
         """Rows of blocks to process at a time."""
         # scratch of a band
-        size = self.bands[0].stop, cols
+        size = self.bands[0].stop - first, cols
         self._steps_to = np.empty(size, np.int32)
         self._targets = np.empty((*size, 2), np.int16)
         self._moved = np.empty((2, *size), np.float32)
@@ -121,13 +126,15 @@ class Warper:
         self._careful = max(offset_x, offset_y) >= CAREFUL_PX
         if not self._careful:
             return
-        reach = (math.ceil(offset_y / self._step[0]), math.ceil(offset_x / self._step[1]))
+        reach = math.ceil(offset_y / self._step[0]), math.ceil(offset_x / self._step[1])
         rows, cols = self._low.shape
         steps_up = self._low
         if self._unknown_in(frame, view.row, view.col):  # which is never nearest
             steps_up = self._steps_up
             cv2.LUT(stored, levels_up, steps_up)
-        cv2.dilate(steps_up, _box(min(reach[0], rows), min(reach[1], cols)), self._nearest)
+        down, right = min(reach[0], rows), min(reach[1], cols)
+        near = slice(max(self._drawn[0] - down, 0), self._drawn[1] + down)
+        cv2.dilate(steps_up[near], _box(down, right), self._nearest[near])
 
     def maps(self, band: slice, first_row: int) -> Pair:
         """Maps (x, y), float32 (rows of band, columns) of blocks, that sample the view of `aim`.

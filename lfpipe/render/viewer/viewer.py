@@ -64,8 +64,10 @@ class Canvas:
 
     shown_px: Callable[[Size], Size] = lambda size_px: size_px
     """The size at which a picture of a given size covers the screen, of the same aspect."""
-    helper: Executor | None = None
-    """A thread on another core, for half of a large picture."""
+    helpers: Executor | None = None
+    """Threads on other cores, for parts of a large picture."""
+    cores: int = 1
+    """That may draw a picture."""
     preparer: Executor | None = None
     """A thread that prepares pictures of another size or quality; None: they are prepared when they
     are due."""
@@ -218,8 +220,8 @@ class Viewer:
     def _make_compositor(
         self, field: LightField, config: Config, size_px: Size, last: Viewpoints | None = None
     ) -> Compositor:
-        helper = self._canvas.helper if thread_count(math.prod(size_px), 2) > 1 else None
-        made = Compositor(field, config.render, helper, size_px)
+        threads = thread_count(math.prod(size_px), self._canvas.cores)
+        made = Compositor(field, config.render, self._canvas.helpers, threads, size_px)
         if last is not None:
             made.prepare(last.left, last.right, last.frame)
         return made
