@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import cache, partial
 
 import attrs
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,7 +15,7 @@ from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.results import Value, mean_of
 from lfpipe.bench.runner import Offer, Prepared, Variant, cpu_ms
 from lfpipe.config import Render
-from lfpipe.config.quality import METHODS, WARPS
+from lfpipe.config.quality import METHODS, SIZES, WARPS
 from lfpipe.render.synthesis.compositor import Compositor, ViewRenderer
 from lfpipe.render.synthesis.scoring import psnr_db
 from lfpipe.render.synthesis.viewpoint import Position
@@ -82,7 +83,7 @@ def view_at(renderer: ViewRenderer, position: Position) -> NDArray[np.float32]:
 
 
 def measure(inputs: Inputs) -> Iterator[Offer]:
-    """Every method, from every 2nd view."""
+    """Every method and size of the levels of quality, from every 2nd view."""
     field = inputs.field
     if 2 in field.views.shape[1:3] or max(field.rows, field.cols) < 3:
         yield (
@@ -102,24 +103,32 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
     count = min(MAX_VIEWS[0 if inputs.quick else 1], len(between))  # spread evenly
     places = np.unique(np.linspace(0, len(between) - 1, count).round()).astype(int)
     truth = dict(between[place] for place in places)
-    for method in methods:
+    for method, size in itertools.product(methods, SIZES):
+        full = size == SIZES[0]
         yield Variant(
             curve=method,
-            parameter="every 2nd view",
-            prepare=partial(_prepare, kept, method, truth),
-            paper=method == "nearest",
-            used=method == field.method,
+            parameter="every 2nd view" + ("" if full else f", {size:.0%} of the width"),
+            prepare=partial(_prepare, kept, method, size, truth),
+            paper=full and method == "nearest",
+            used=full and method == field.method,
         )
 
 
 def _prepare(
-    kept_views: Callable[[], LightField], method: str, truth: dict[Position, NDArray[np.uint8]]
+    kept_views: Callable[[], LightField],
+    method: str,
+    size: float,
+    truth: dict[Position, NDArray[np.uint8]],
 ) -> Prepared:
     kept_field = kept_views()
-    renderer = ViewRenderer(kept_field, method)
-    compositor = Compositor(kept_field, Render(method=method))  # type: ignore[arg-type]
+    own_px = kept_field.width_px, kept_field.height_px
+    size_px = max(1, round(own_px[0] * size)), max(1, round(own_px[1] * size))
+    renderer = ViewRenderer(kept_field, method, size_px=size_px)
+    how = Render(method=method)  # type: ignore[arg-type]
+    compositor = Compositor(kept_field, how, size_px=size_px)
     squares = [
-        float(np.mean((view_at(renderer, place) - view) ** 2)) for place, view in truth.items()
+        float(np.mean((scaled_up(view_at(renderer, place), own_px) - view) ** 2))
+        for place, view in truth.items()
     ]
     metrics = {
         "rmse": mean_of(np.sqrt(squares).tolist(), power=2),
@@ -129,6 +138,13 @@ def _prepare(
     places = itertools.cycle((place, place) for place in truth)  # positions of the held-out views
     picture = partial(cpu_ms, lambda: compositor.compose(*next(places)), len(truth))
     return metrics, lambda: {"cpu_ms": picture()}
+
+
+def scaled_up(view: NDArray[np.float32], size_px: tuple[int, int]) -> NDArray[np.float32]:
+    """A view, (channels, height, width), at size_px (width, height), as on a screen."""
+    if view.shape[:0:-1] == size_px:
+        return view
+    return np.stack([cv2.resize(plane, size_px, interpolation=cv2.INTER_CUBIC) for plane in view])
 
 
 def _jump(kept_field: LightField, renderer: ViewRenderer) -> float:

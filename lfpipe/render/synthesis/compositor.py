@@ -220,17 +220,23 @@ class Compositor:
 class ViewRenderer:
     """Draws one camera's views of a light field, in its own colours; keeps its tables from view to
     view. method: as `render.method`. zero_plane_px: disparity that stays in place from view to
-    view; only warps shift by it.
+    view; only warps shift by it. size_px: (width, height) as for `Compositor`.
     """
 
-    def __init__(self, field: LightField, method: str = "auto", zero_plane_px: float = 0.0) -> None:
+    def __init__(
+        self,
+        field: LightField,
+        method: str = "auto",
+        zero_plane_px: float = 0.0,
+        size_px: tuple[int, int] | None = None,
+    ) -> None:
         self._frames = field.frames
-        self._zero_plane_px = zero_plane_px
-        views = SceneViews(field)
+        views = SceneViews(field, size_px)
+        self._zero_plane_px = zero_plane_px * views.scale
         self._synthesiser = Synthesiser(views, method_for(field, method))
         self._sources = [views.source(channel) for channel in _RGB[: field.channels]]
         self._outs = [
-            np.empty((field.height_px, field.width_px), np.uint8) for _ in range(field.channels)
+            np.empty((views.height_px, views.width_px), np.uint8) for _ in range(field.channels)
         ]
 
     def planes(self, row: float, col: float, frame: int = 0) -> list[NDArray[np.uint8]]:
