@@ -19,6 +19,7 @@ LAYERS = (
     {"transport"},
     {"notices"},
     {"scene", "sequence"},
+    {"live"},
     {"capture", "track", "render", "record"},
     {"supervisor"},
     {"replays", "monitor"},

@@ -86,6 +86,18 @@ def clock_of(text: str) -> Clock:
     return resolve(text).clock
 
 
+def probe_source(text: str, camera: config.Camera) -> SourceInfo:
+    """What the source delivers: opens it, decodes its first frame and closes it.
+
+    Raises UserError as `open_source` does, and after its time limit.
+    """
+    spec = resolve(text)
+    try:
+        return with_time_limit(spec.time_limit_s, lambda: _tried(text, camera))
+    except TimeoutError as error:
+        raise UserError(f"{redacted(text)}: {error.strerror}", spec.remedy) from None
+
+
 def check_source(text: str, camera: config.Camera) -> CameraViewer | RecordedEyes:
     """Opens the source, decodes its first frame and closes it: returns the viewer in it, with its
     definite name (a path for the first camera).
@@ -94,10 +106,7 @@ def check_source(text: str, camera: config.Camera) -> CameraViewer | RecordedEye
     """
     spec = resolve(text)
     definite = spec.definite(text)
-    try:
-        info = with_time_limit(spec.time_limit_s, lambda: _tried(definite, camera))
-    except TimeoutError as error:
-        raise UserError(f"{redacted(definite)}: {error.strerror}", spec.remedy) from None
+    info = probe_source(definite, camera)
     if info.eyes:
         return RecordedEyes(source=definite, rate_hz=info.rate_hz, folder=info.eyes)
     jpeg_px = info.size_px if info.jpeg else None

@@ -18,6 +18,7 @@ from lfpipe.capture.frame_source import BrokenFrame, Frame, SourceInfo
 from lfpipe.capture.open_source import camera_settings, open_source
 from lfpipe.capture.reconnecting_camera import CameraLost
 from lfpipe.capture.schedule import Lateness
+from lfpipe.config import Camera
 from lfpipe.config.modes import Lossless
 from lfpipe.transport.clock import SleepWatch, now_ns
 from lfpipe.transport.context import Context
@@ -60,17 +61,25 @@ class _LightWatch:
 
 
 class CaptureStage:
-    """Reads the source, and publishes its frames when they are due."""
+    """Reads a source, and publishes its frames when they are due.
 
-    def __init__(self, context: Context) -> None:
+    source, camera: as for `open_source`. ring: for its frames. packets: for their JPEGs.
+    """
+
+    def __init__(
+        self,
+        context: Context,
+        source: str,
+        camera: Camera,
+        ring: str,
+        packets: PacketOutput | None = None,
+    ) -> None:
         self._context = context
         self._lossless = isinstance(context.options.clock, Lossless)
-        self._frames = context.output("frames")
-        self._packets = PacketOutput(context.spec.session)
+        self._frames = context.output(ring)
+        self._packets = packets
         with context.setting_up("opening the source"):
-            self._source = open_source(
-                context.options.viewer.source, camera_settings(context.config), reconnect=True
-            )
+            self._source = open_source(source, camera, reconnect=True)
         self._report_source()
         info = self._source.info
         self._live = info.live
@@ -156,10 +165,11 @@ class CaptureStage:
         if context.paused:
             context.row["left_out"] += 1
             return
-        self._packets.set_options(context.options)
-        self._packets.publish(
-            frame.packet, frame.source_seq, t_sensor_ns, t_read_ns, frames.writer.epoch
-        )
+        if self._packets is not None:
+            self._packets.set_options(context.options)
+            self._packets.publish(
+                frame.packet, frame.source_seq, t_sensor_ns, t_read_ns, frames.writer.epoch
+            )
         frames.publish(frame.source_seq, t_sensor_ns, t_read_ns, kind=frame.stamp)
         t_ns = now_ns()
         context.row.count_output(frame.source_seq)
@@ -197,12 +207,20 @@ class CaptureStage:
 
     def close(self) -> None:
         """Closes the source."""
-        self._packets.close()
+        if self._packets is not None:
+            self._packets.close()
         self._source.close()
 
 
 def main(context: Context) -> None:
     """Runs the stage until it is stopped or the source ends."""
-    with contextlib.closing(CaptureStage(context)) as stage:
+    packets = PacketOutput(context.spec.session)
+    camera = camera_settings(context.config)
+    run(CaptureStage(context, context.options.viewer.source, camera, "frames", packets), context)
+
+
+def run(stage: CaptureStage, context: Context) -> None:
+    """Runs a stage to its end."""
+    with contextlib.closing(stage):
         context.ready()
         stage.run()

@@ -12,6 +12,7 @@ import attrs
 
 from lfpipe import config as configuration
 from lfpipe.capture.camera_list import NoCamera
+from lfpipe.capture.live_source import check_live, is_live, same_device
 from lfpipe.capture.open_source import camera_name, camera_settings, check_source, clock_of
 from lfpipe.capture.spec import parse_source, playing_once, source_file
 from lfpipe.cli.sessions import load_scene
@@ -32,11 +33,12 @@ from lfpipe.config.modes import (
     watching,
 )
 from lfpipe.config.user_files import has_key, with_measured_focal
-from lfpipe.errors import UserError
+from lfpipe.errors import UserError, redacted
 from lfpipe.files.output import check_outputs
 from lfpipe.files.video_writer import require_encoder
 from lfpipe.host.files import exists
 from lfpipe.host.machine import has_gpu
+from lfpipe.live.field import LiveViews, summary_of
 from lfpipe.monitor.monitor import print_state
 from lfpipe.monitor.session_reader import snapshot
 from lfpipe.render.display.monitors import detect_monitors, device_latency_doubt
@@ -169,7 +171,11 @@ def _is_for_open_window(arguments: UpArguments) -> bool:
     """
     scenes = arguments.scenes
     name = arguments.session_name
-    if len(scenes) != 1 or arguments != UpArguments(scenes=scenes, session_name=name):
+    if (
+        len(scenes) != 1
+        or is_live(scenes[0])
+        or arguments != UpArguments(scenes=scenes, session_name=name)
+    ):
         return False
     options = snapshot(name).options
     return isinstance(options.display, Window) and not options.lock_code
@@ -266,7 +272,8 @@ def _demo_video_name() -> str:
 
 def check(arguments: UpArguments, request: Request) -> None:
     """Checks outputs and display without changing anything. Raises UserError."""
-    inputs = (*arguments.scenes, source_file(request.source))
+    files = (scene for scene in arguments.scenes if not is_live(scene))
+    inputs = (*files, source_file(request.source))
     own_folder = request.still is not None and not exists(DEMO_FOLDER)  # made later
     video = None if own_folder else request.video
     check_outputs(
@@ -295,7 +302,9 @@ def _open_source(arguments: UpArguments, request: Request) -> SessionPlan:
 
 
 def _open(arguments: UpArguments, request: Request) -> SessionPlan:
-    """A session that shows scenes: packs the first unless it is packed."""
+    """A session that shows scenes: packs the first unless it is packed, or captured now."""
+    if any(map(is_live, arguments.scenes)):
+        return _open_live(arguments, request)
     with progress() as bar:
         opened = open_scenes(
             arguments.scenes,
@@ -310,6 +319,47 @@ def _open(arguments: UpArguments, request: Request) -> SessionPlan:
         if opened.packing is not None:
             opened.packing.close()
         raise
+
+
+def _open_live(arguments: UpArguments, request: Request) -> SessionPlan:
+    """A session that shows a scene while it is captured."""
+    text = str(arguments.scenes[0])
+    if len(arguments.scenes) > 1:
+        raise UserError(f"{text} with other scenes", f"show it alone: `lfpipe up {text}`")
+    live = check_live(text, request.config)
+    viewer = _viewer(arguments, request)
+    if same_device(live.source, viewer.source):
+        raise UserError(
+            f"{text}: this camera already tracks your eyes",
+            "name another camera for them with --camera, or use --camera mouse",
+        )
+    config = request.config
+    if viewer.source and isinstance(viewer, CameraViewer | RecordedEyes):
+        config = with_measured_focal(config, camera_name(viewer.source))
+    if viewer.tracked:
+        config = with_engine(config)
+    display = request.display
+    name = redacted(live.source)
+    field = LiveViews(live, name).field
+    return SessionPlan(
+        config=config,
+        options=SessionOptions(
+            scene=summary_of(live, name),
+            live=live,
+            viewer=viewer,
+            display=display,
+            ask_glasses=_is_first_start(arguments, display),
+            trace=str(arguments.trace.resolve()) if arguments.trace else "",
+            extras=arguments.extras,
+        ),
+        duration_s=request.duration_s,
+        lines=(
+            *startup_lines(config, field, make_plan(field, config), viewer, display),
+            *device_latency_lines(config, viewer, display),
+            *_extra_lines(arguments),
+        ),
+        files=tuple(filter(None, (request.video, arguments.trace))),
+    )
 
 
 def _plan(arguments: UpArguments, request: Request, opened: Opened) -> SessionPlan:

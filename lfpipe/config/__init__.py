@@ -7,6 +7,7 @@ writes the user's own.
 from lfpipe.config.check import load, parse_set, updated
 from lfpipe.config.session_options import (
     DrawingCosts,
+    LiveSource,
     QualityLevel,
     SceneSummary,
     SessionOptions,
@@ -34,6 +35,7 @@ __all__ = [
     "Config",
     "DrawingCosts",
     "Governor",
+    "LiveSource",
     "QualityLevel",
     "Render",
     "Replay",

@@ -113,7 +113,10 @@ def quality_levels(config: Config, options: SessionOptions) -> tuple[QualityLeve
         return (QualityLevel(method=config.render.method, rate_hz=config.render.nominal_hz),)
     method = method_in_use(config.render.method, scene.method, scene.has_disparity, scene.scores)
     costs = options.costs.ns_per_px if options.costs else {}
-    steps: list[tuple[str, dict[str, Any]]] = [
+    steps: list[tuple[str, dict[str, Any]]] = (
+        [("pictures", {"disparity": 1}), ("pictures", {"disparity": 2})] if options.live else []
+    )
+    steps += [
         ("pictures", {"method": level.method, "size": level.size})
         for level in drawing_levels(method, scene.errors, costs)[1:]
     ]
@@ -150,6 +153,9 @@ def _words(level: QualityLevel, full: QualityLevel) -> str:
         f"{level.method} views" if level.method != full.method else "",
         f"{level.size:.0%} of the width" if level.size != full.size else "",
         f"{level.rate_hz:g} pictures/s" if level.rate_hz != full.rate_hz else "",
+        ("", "disparity of every 2nd frame", "coarse disparity of every 2nd frame")[
+            level.disparity
+        ],
         f"every {level.every}nd frame tracked" if level.every != full.every else "",
     ]
     return ", ".join(filter(None, changes)) or "full"

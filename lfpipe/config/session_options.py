@@ -74,6 +74,36 @@ class SceneSummary:
 
 
 @attrs.frozen(kw_only=True)
+class LiveSource:
+    """A source that delivers all views of a light field in each frame."""
+
+    # as camera.source, or ring:NAME
+    source: str
+    # of the grid
+    rows: int
+    cols: int
+    # tiles of a frame across, in which the views lie row by row
+    tiles_across: int
+    # (width, height)
+    frame_px: tuple[int, int]
+    rate_hz: float
+
+    @property
+    def width_px(self) -> int:
+        """Of a view."""
+        return self.frame_px[0] // self.tiles_across
+
+    @property
+    def height_px(self) -> int:
+        """Of a view."""
+        return self.frame_px[1] * self.tiles_across // (self.rows * self.cols)
+
+    def tile(self, view: tuple[int, int]) -> tuple[int, int]:
+        """(row, column) of a view's tile in a frame."""
+        return divmod(view[0] * self.cols + view[1], self.tiles_across)
+
+
+@attrs.frozen(kw_only=True)
 class QualityLevel:
     """One level of quality."""
 
@@ -89,6 +119,8 @@ class QualityLevel:
     rate_hz: float
     # n: one frame in n is tracked
     every: int = 1
+    # of a live light field: 0 is full, 1 for every second frame, 2 with the fastest estimator, too
+    disparity: int = 0
     # for people
     words: str = "full"
 
@@ -126,6 +158,8 @@ class SessionOptions:
     # names of rings that exist only on demand
     pictures: str = ""
     packets: str = ""
+    # the scene, if it is captured now
+    live: LiveSource | None = None
     # what stages of other packages work on, by the name of the stage
     extras: Mapping[str, tuple[str, ...]] = attrs.field(factory=dict)
     # rings on demand that such stages read now

@@ -12,5 +12,8 @@ METRICS = MetricSet(
     Metric("juddered", Kind.COUNT, "of these, those with another picture than planned"),
     Metric("onset_ns", Kind.DURATION, "latency at the onset of a motion"),
     Metric("steady_ns", Kind.DURATION, "how far pictures lag behind a moving head"),
+    Metric("live", Kind.COUNT, "pictures of a live scene"),
+    Metric("own_disparity", Kind.COUNT, "of these, those with the disparity of their own frame"),
+    Metric("views_age", Kind.HISTOGRAM, "from the exposure of a live scene to its picture"),
     Metric("prediction", Kind.HISTOGRAM, "from the sensor stamp to the time of the predicted eyes"),
 )

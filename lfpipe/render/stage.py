@@ -1,8 +1,9 @@
 """Render: one picture for each refresh of the display, or for each camera frame.
 
-Reads: ring "eyes", the newest record; the packed scene named by option "pack".
+Reads: ring "eyes", the newest record; the packed scene named by option "pack", or the rings "views"
+and "disparity" of a live one.
 Writes: the display of option "display"; the trace of option "trace"; the last picture to option
-"still"; without a camera, ring "eyes" from the mouse.
+"still"; without a camera, ring "eyes" from the mouse; for a live scene, ring "viewpoints".
 Commands: recentre, loading (progress), stop; settings and another scene by configuration, a lowered
 quality by option "level".
 Asks: set, keep, costs, recentre, load, dialog, previews, pause, resume, record, stop (events of the
@@ -42,6 +43,7 @@ from lfpipe.render.display.display import Display
 from lfpipe.render.display.file_display import save
 from lfpipe.render.display.open_display import open_display
 from lfpipe.render.display.refresh import Refresh, ScreenRefresh
+from lfpipe.render.listeners.live_row import LiveRow
 from lfpipe.render.listeners.motion_latency import MotionLatencyRow
 from lfpipe.render.listeners.picture_ring import PictureRing
 from lfpipe.render.listeners.replay_writer import ReplayWriter
@@ -49,6 +51,7 @@ from lfpipe.render.listeners.shown_stamps import ShownStamps
 from lfpipe.render.listeners.status_row import StatusRow
 from lfpipe.render.listeners.tap_messages import TapMessages
 from lfpipe.render.listeners.trace import Trace
+from lfpipe.render.live_input import LiveInput
 from lfpipe.render.presentation import Listener
 from lfpipe.render.presenter import Presenter
 from lfpipe.render.synthesis.costs import measure_costs
@@ -58,6 +61,7 @@ from lfpipe.render.viewer.mouse_look import MouseLook
 from lfpipe.render.viewer.presence import ViewerState
 from lfpipe.render.viewer.viewer import Canvas, Viewer
 from lfpipe.scene.inverted_depth import shown_as
+from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import open_pack
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import Context
@@ -117,8 +121,9 @@ class RenderStage:
         self._lossless = isinstance(options.clock, Lossless)
         self._preparer: ThreadPoolExecutor | None = None
         self._costs: Future[Mapping[str, float]] | None = None
+        self._live: LiveInput | None = None
         with context.setting_up("opening the scene"):
-            self._field = open_pack(Path(options.pack), self._config.scene.invert_depth)
+            self._field = self._first_field()
         # without a clock, pictures depend on the frames alone
         on_frames = self._lossless or self._config.render.clock == "camera"
         self._on_camera = on_frames and options.viewer.tracked
@@ -160,6 +165,14 @@ class RenderStage:
         self._viewer.compositor.compose(middle, middle)
         self._measure_costs()
         context.row["t_face_ns"] = now_ns()
+
+    def _first_field(self) -> LightField:
+        options = self._options
+        if options.live is None:
+            return open_pack(Path(options.pack), self._config.scene.invert_depth)
+        assert options.scene is not None
+        self._live = LiveInput(self._context, options.live, options.scene.name)
+        return self._live.field
 
     def _make_canvas(self) -> Canvas:
         """The pictures' size is the screen's; in a replay, whose pictures are compared, the
@@ -244,6 +257,9 @@ class RenderStage:
             )
         trace = Path(options.trace) if options.trace else None
         began = session.run_dir / "session.json" if context.row["restarts"] else None
+        if self._live is not None:
+            viewpoints = context.output("viewpoints")
+            listeners.append(LiveRow(context.row, self._live, self._viewer, viewpoints))
         listeners += (
             TapMessages(context.emit, self._viewer, ViewerState(context.row["viewer"])),
             PictureRing(session.segment),
@@ -274,6 +290,7 @@ class RenderStage:
             if context.news:
                 self._take_news()
             fresh = self._eyes.take()
+            self._take_live()
             if context.paused:
                 self._eyes.leave_out()
             elif fresh is not None:
@@ -291,12 +308,26 @@ class RenderStage:
                 refresh.limit(self._config.render.rate_hz, self._config.render.nominal_hz)
             if (fresh := self._eyes.take()) is not None:
                 refresh.add_eyes(fresh.source_seq, fresh.t_sensor_ns, now_ns())
+            self._take_live()
             if now_ns() >= refresh.start_ns():
                 if not context.paused:
                     self._show(refresh.due_ns(), refresh.period_ns)
                 if count := refresh.advance(now_ns()):
                     self._status.missed(count)
             self._after_picture()
+
+    def _take_live(self) -> None:
+        """Takes the newest frame of a live scene."""
+        if self._live is None:
+            return
+        last = self._viewer.last_viewpoints
+        middle = (self._field.rows - 1) / 2, (self._field.cols - 1) / 2
+        positions = (middle,) if last is None else last[1:3]
+        field = self._live.take(positions, now_ns())
+        if field is not None:
+            self._field = field
+            self._viewer.replace(field)
+            self._presenter.redraw()
 
     def _show(self, target_ns: int, refresh_ns: int = 0) -> None:
         on_vblanks = isinstance(self._refresh, ScreenRefresh)
@@ -351,6 +382,7 @@ class RenderStage:
         options = self._options
         invert_depth = self._asked.scene.invert_depth
         if other_pack:
+            self._live = None
             self._field = open_pack(Path(options.pack), invert_depth)
             logger.info("scene %s%s", options.pack, "" if options.complete else ", views only")
         elif turned:

@@ -52,9 +52,26 @@ STAGES: tuple[Stage, ...] = (
         name="render",
         module="lfpipe.render.stage",
         needed=lambda options: options.show,
-        reads=("eyes",),
-        writes=("shown",),
+        reads=("eyes", "views", "disparity"),
+        writes=("shown", "viewpoints"),
         metrics=RENDER_METRICS,
+    ),
+    # of a live light field
+    Stage(
+        name="views",
+        module="lfpipe.capture.views_stage",
+        needed=lambda options: options.live is not None,
+        writes=("views",),
+        metrics=CAPTURE_METRICS,
+        optional=True,
+    ),
+    Stage(
+        name="disparity",
+        module="lfpipe.live.stage",
+        needed=lambda options: options.live is not None,
+        reads=("views",),
+        writes=("disparity",),
+        optional=True,
     ),
     # their work can wait, so it must not disturb capture and render
     Stage(

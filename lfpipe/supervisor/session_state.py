@@ -22,6 +22,7 @@ from lfpipe.config import (
 )
 from lfpipe.config.modes import Lossless, Viewer, watching
 from lfpipe.config.quality import first_level, quality_levels
+from lfpipe.live.records import live_rings
 from lfpipe.supervisor.process_table import ON_DEMAND, asked_for, packet_ring, picture_ring
 from lfpipe.transport.control import Message
 from lfpipe.transport.ring import RingSpec
@@ -102,6 +103,8 @@ class SessionState:
     def rings(self) -> dict[str, RingSpec]:
         """The on-demand rings that this state needs, by name."""
         rings = {name: ON_DEMAND[name] for name in self.options.asked_for}
+        if self.options.live is not None:
+            rings |= live_rings(self.options.live)
         if self.options.pictures:
             rings[self.options.pictures] = picture_ring(*self.pictures_px)
         jpeg_px = self.options.viewer.jpeg_px
@@ -152,6 +155,7 @@ class SessionState:
         new = self.changed(
             config,
             scene=scene,
+            live=None,
             viewer=watching(self.options.viewer, scene.needs_eyes),
             playlist=self.options.playlist if playlist is None else playlist,
             playlist_at=self.options.playlist_at if playlist_at is None else playlist_at,

@@ -109,7 +109,8 @@ class Compositor:
         self._frames = field.frames
         self.size_px = size_px or (field.width_px, field.height_px)
         """(width, height) of its pictures."""
-        views = SceneViews(field, self.size_px)
+        self._render = render
+        self._views = views = SceneViews(field, self.size_px)
         shape = views.height_px, views.width_px
         mix = recipe_for(render)
         self._mixer = Mixer(mix, shape)
@@ -129,14 +130,31 @@ class Compositor:
         """The views of the last picture, if it consists of two."""
         if render.anaglyph in TWO_VIEWS:
             self.pair = np.empty_like(self._picture), np.empty_like(self._picture)
-        zero_px = zero_plane_px(field, render)
+        self._reach = extrapolation_views(self.method, render)
+        self._last = (field.rows - 1, field.cols - 1)
+        self._take_depth()
+
+    @property
+    def field(self) -> LightField:
+        """The light field that it draws."""
+        return self._views.field
+
+    def replace(self, field: LightField) -> None:
+        """Draws another light field of the same size, grid and method from now on."""
+        self._views.replace(field)
+        for part in self._parts:
+            part.reset()
+        self._take_depth()
+
+    def _take_depth(self) -> None:
+        """Takes what depends on the range of disparity."""
+        field, scale = self._views.field, self._views.scale
+        zero_px = zero_plane_px(field, self._render)
         extent_px = max(
             abs(edge - zero_px) for edge in (field.disparity_min_px, field.disparity_max_px)
         )
-        self._zero_px = zero_px * views.scale
-        self._quantum = _quantum(self.method, extent_px * views.scale)
-        self._reach = extrapolation_views(self.method, render)
-        self._last = (field.rows - 1, field.cols - 1)
+        self._zero_px = zero_px * scale
+        self._quantum = _quantum(self.method, extent_px * scale)
 
     def _rounded(self, value: float, last: int) -> float:
         """value on an axis of views 0 to last, rounded to the key's grid, within the extrapolated

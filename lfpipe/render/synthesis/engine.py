@@ -51,6 +51,11 @@ class Synthesiser:
             np.empty((*size_of(height, width), 4), np.uint8) for _ in range(5)
         )
 
+    def reset(self) -> None:
+        """Takes the disparities of the scene anew, which were replaced."""
+        if self._warper is not None:
+            self._warper.reset()
+
     def render(
         self,
         position: Position,

@@ -84,6 +84,14 @@ class SceneViews:
         self._reduced = lru_cache(max(4, fit // field.channels))(self._reduce)
         self._reduced_map = lru_cache(max(4, 4 * fit))(self._reduce_map)
 
+    def replace(self, field: LightField) -> None:
+        """Draws another light field of the same size from now on."""
+        self.field = field
+        self._views = np.asarray(field.views)
+        self.__dict__.pop("_disparity", None)
+        for made in (self.built, self._reduced, self._reduced_map):
+            made.cache_clear()
+
     def source(self, plane: Plane) -> Source:
         """A function (frame, row, col) -> uint8 (height, width), read-only."""
         channels = stored_channels(self.field, plane)

@@ -45,12 +45,10 @@ class Warper:
         field = scene.field
         if field.disparity is None:
             raise ValueError("a light field without disparity cannot be warped")
+        self._scene = scene
         self._map = scene.disparity
         self._offsets = field.offsets.astype(np.float64)
         self._regular = not self._offsets.any()
-        self._unit_px = abs(float(field.disparity_scale_px)) * scene.scale
-        self._turned = field.disparity_scale_px < 0
-        self._span_px = (field.disparity_max_px - field.disparity_min_px) * scene.scale
         rows, cols = size_of(scene.height_px, scene.width_px)
         if self._map(0, 0, 0).shape != (rows, cols):
             raise ValueError(
@@ -86,6 +84,17 @@ class Warper:
         self._moves = np.empty((2, 256), np.float32)
         self._cell_moves = np.empty((1, 256), np.int32)
         self._careful = False  # whether near and far surfaces separate enough for occlusion
+
+        self.reset()
+
+    def reset(self) -> None:
+        """Takes the disparities of the scene anew, which were replaced."""
+        field, scale = self._scene.field, self._scene.scale
+        self._unit_px = abs(float(field.disparity_scale_px)) * scale
+        self._turned = field.disparity_scale_px < 0
+        self._span_px = (field.disparity_max_px - field.disparity_min_px) * scale
+        self._unknown_in.cache_clear()
+        self._unknown_around.cache_clear()
 
     def offset(self, view: ViewWeight, position: Position) -> Position:
         """Steps from the view's camera to position. Camera offsets distort the coordinates: whole

@@ -166,6 +166,13 @@ class Viewer:
         self._next = None
         self._use(self._make_compositor(field, config, self._wanted_px()))
 
+    def replace(self, field: LightField) -> None:
+        """Sets the next frame of a live scene: viewpoint and neutral position are kept."""
+        self.field = field
+        self.compositor.replace(field)
+        if self.parallax is not None and self._auto:
+            self._choose(self.parallax.eyes_px)
+
     def set_quality(self, config: Config, share: float = 1.0) -> None:
         """Sets a configuration that differs only in render.method and render.rate_hz, and a share:
         geometry stays unchanged.
@@ -228,9 +235,26 @@ class Viewer:
 
     def _use(self, compositor: Compositor) -> None:
         self.compositor = compositor
+        if compositor.field is not self.field:  # of a live scene, while it was prepared
+            compositor.replace(self.field)
         self.method = compositor.method
         if self.solver is not None:
             self.solver.set_method(self.method)
+
+    def eyes_mm(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """The left and the right eye at the last viewpoints, from the neutral place: right, up, and
+        their distance from the screen, mm; zeros before the first face.
+        """
+        last, solver, parallax = self.last_viewpoints, self.solver, self.parallax
+        if last is None or solver is None or parallax is None:
+            return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        mm_per_px = self.config.screen.eyes_mm / parallax.eyes_px
+        x, y = solver.centre_px
+        lx, ly, rx, ry = last.eyes_px
+        return (
+            ((x - lx) * mm_per_px, (y - ly) * mm_per_px, parallax.distance_mm),
+            ((x - rx) * mm_per_px, (y - ry) * mm_per_px, parallax.distance_mm),
+        )
 
     def set_width(self, width_mm: float | None) -> bool:
         """Sets the width of the picture on the screen, as the display reports it; returns whether

@@ -1,0 +1,123 @@
+"""Names of live light fields, and what their sources deliver.
+
+    live:SOURCE[?layout=side-by-side|over-under|mosaic&grid=RxC&size=WxH]
+
+SOURCE is a source of `spec.KINDS`, or a device file; its own parameters may follow.
+"""
+
+import re
+from pathlib import Path
+
+import attrs
+
+from lfpipe.capture.open_source import probe_source
+from lfpipe.capture.spec import parse_source
+from lfpipe.config import Camera, Config, LiveSource
+from lfpipe.errors import UserError
+
+PREFIX = "live:"
+FORM = "live:SOURCE?layout=side-by-side|over-under|mosaic&grid=RxC&size=WxH"
+LAYOUTS = {"side-by-side": ((1, 2), 2), "over-under": ((1, 2), 1)}  # grid, tiles across
+WIDE = 2.2  # width over height of a frame, from which it holds two views side by side
+SMALLEST_PX = 48  # of a view
+OWN = ("layout", "grid", "size")  # parameters; others are the source's
+
+
+def is_live(path: Path | str) -> bool:
+    """Whether a scene is captured now."""
+    return str(path).startswith(PREFIX)
+
+
+def live_camera(config: Config, frame_px: tuple[int, int]) -> Camera:
+    """[camera] for frames of a live light field, which no setting turns."""
+    return attrs.evolve(
+        config.camera, width_px=frame_px[0], height_px=frame_px[1], rotate=0, mirror=False
+    )
+
+
+def check_live(text: str, config: Config) -> LiveSource:
+    """The live light field that text names, after its source was opened and closed.
+
+    Raises UserError.
+    """
+    source, own = _split(text.removeprefix(PREFIX))
+    asked_px = _pair(own, "size", "x")
+    camera = live_camera(config, asked_px or config.camera.frame_px)
+    info = probe_source(source, camera)
+    frame_px = asked_px or info.size_px
+    (rows, cols), across = _grid(text, own, frame_px)
+    live = LiveSource(
+        source=source,
+        rows=rows,
+        cols=cols,
+        tiles_across=across,
+        frame_px=frame_px,
+        rate_hz=info.rate_hz,
+    )
+    down = rows * cols // across
+    if frame_px[0] % across or frame_px[1] % down:
+        raise UserError(
+            f"{text}: a frame of {frame_px[0]}x{frame_px[1]} px is not divided by {down}x{across}"
+            " views",
+            "give the grid of the frame with grid=RxC, or its size with size=WxH",
+        )
+    if min(live.width_px, live.height_px) < SMALLEST_PX:
+        raise UserError(
+            f"{text}: views of {live.width_px}x{live.height_px} px are too small",
+            f"use views of at least {SMALLEST_PX} px a side",
+        )
+    return live
+
+
+def same_device(a: str, b: str) -> bool:
+    """Whether two sources are one camera."""
+    if not a or not b or not (parse_source(a).live and parse_source(b).live):
+        return False
+    one, other = (parse_source(text).definite(text) for text in (a, b))
+    return one == other
+
+
+def _split(rest: str) -> tuple[str, dict[str, str]]:
+    """The source and the parameters of the light field. Raises UserError."""
+    name, _, query = rest.partition("?")
+    pairs = [item.partition("=")[::2] for item in query.split("&") if item]
+    own = {key: value for key, value in pairs if key in OWN}
+    others = "&".join(f"{key}={value}" for key, value in pairs if key not in OWN)
+    if name.startswith("/dev/"):
+        name = f"camera:{name}"
+    if not name:
+        raise UserError(f"{PREFIX}{rest}: names no source", f"use {FORM}")
+    source = f"{name}?{others}" if others else name
+    parse_source(source)
+    return source, own
+
+
+def _pair(own: dict[str, str], key: str, between: str) -> tuple[int, int] | None:
+    """Two numbers of a parameter; None if it is not given. Raises UserError."""
+    text = own.get(key)
+    if text is None:
+        return None
+    found = re.fullmatch(rf"(\d{{1,4}}){between}(\d{{1,4}})", text)
+    if found is None or "0" in found.groups():
+        raise UserError(f"{key}={text}: not two numbers", f"use for example {key}=3{between}3")
+    return int(found[1]), int(found[2])
+
+
+def _grid(text: str, own: dict[str, str], frame_px: tuple[int, int]) -> tuple[tuple[int, int], int]:
+    """(rows, columns) of the light field, and its views across a frame. Raises UserError."""
+    grid = _pair(own, "grid", "x")
+    layout = own.get("layout")
+    if layout is None:
+        layout = "mosaic" if grid else "side-by-side" if frame_px[0] >= WIDE * frame_px[1] else ""
+    if layout == "mosaic" and grid is not None and grid != (1, 1):
+        return grid, grid[1]
+    if layout in LAYOUTS and grid in (None, (1, 2)):
+        return LAYOUTS[layout]
+    if not layout:
+        problem = f"a frame of {frame_px[0]}x{frame_px[1]} px does not show how its views lie"
+    else:
+        problem = f"layout={layout}" + (f"&grid={own['grid']}" if grid else "") + " is no layout"
+    raise UserError(
+        f"{text}: {problem}",
+        "add ?layout=side-by-side, ?layout=over-under or ?layout=mosaic&grid=ROWSxCOLUMNS",
+    )

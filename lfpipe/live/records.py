@@ -1,0 +1,91 @@
+"""What travels between the stages of a live light field: frames with all views, disparity of the
+views in need, and the viewpoints of the next picture.
+"""
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.config import LiveSource
+from lfpipe.transport.ring import RingSpec
+
+VIEWS_SLOTS = 5
+VIEWS_BYTES = 48 << 20  # of the ring of views, unless its frames are larger
+MAX_VIEWS = 8  # with disparity at a time: four around each eye
+
+# where the eyes are on the grid when the next picture is displayed, and from the middle of the
+# screen: right, up, towards the viewer; zeros without a face
+VIEWPOINTS = np.dtype(
+    [
+        ("left", "<f8", (2,)),
+        ("right", "<f8", (2,)),
+        ("left_mm", "<f8", (3,)),
+        ("right_mm", "<f8", (3,)),
+    ]
+)
+
+View = tuple[int, int]  # row, column
+
+
+def map_size(live: LiveSource) -> tuple[int, int]:
+    """(rows, columns) of a disparity map: one value for each 2x2 pixels of a view."""
+    return (live.height_px + 1) // 2, (live.width_px + 1) // 2
+
+
+def disparity_dtype(live: LiveSource) -> np.dtype[np.void]:
+    """A record of disparity; the slot header repeats number and stamps of its frame.
+
+    maps: as in `LightField.disparity`, in steps of scale_px; of views, the first `count` rows.
+    align: 2x3, from a pixel of a rectified view of the last column to one of the delivered view.
+    """
+    return np.dtype(
+        [
+            ("count", "<i4"),
+            ("scale_px", "<f4"),
+            ("low_px", "<f4"),
+            ("high_px", "<f4"),
+            ("align", "<f4", (2, 3)),
+            ("views", "<i4", (MAX_VIEWS, 2)),
+            ("maps", "i1", (MAX_VIEWS, *map_size(live))),
+        ]
+    )
+
+
+def live_rings(live: LiveSource) -> dict[str, RingSpec]:
+    """The rings of a session with a live light field."""
+    width_px, height_px = live.frame_px
+    slots = min(max(VIEWS_BYTES // (3 * width_px * height_px), 4), VIEWS_SLOTS)
+    return {
+        "views": RingSpec((height_px, width_px, 3), np.dtype("u1"), slots),
+        "disparity": RingSpec((), disparity_dtype(live), 4),
+        "viewpoints": RingSpec((), VIEWPOINTS, 8),
+    }
+
+
+def cut(frame: NDArray[np.uint8], live: LiveSource, view: View) -> NDArray[np.uint8]:
+    """A view in a frame: uint8 (height, width, 3) BGR, a part of it."""
+    row, col = live.tile(view)
+    top, left = row * live.height_px, col * live.width_px
+    return frame[top : top + live.height_px, left : left + live.width_px]
+
+
+def views_in_need(live: LiveSource, positions: Iterable[tuple[float, float]]) -> list[View]:
+    """The stored views around viewpoints (row, col): two to four for each, at most MAX_VIEWS."""
+    views = {view: None for position in positions for view in _around(live, position)}
+    return list(views)[:MAX_VIEWS]
+
+
+def _around(live: LiveSource, position: tuple[float, float]) -> Iterator[View]:
+    rows, cols = (
+        _neighbours(at, count) for at, count in zip(position, (live.rows, live.cols), strict=True)
+    )
+    for row in rows:
+        for col in cols:
+            yield row, col
+
+
+def _neighbours(at: float, count: int) -> list[int]:
+    """The stored views on an axis on both sides of a viewpoint."""
+    low = int(min(max(np.floor(at), 0), max(count - 2, 0)))
+    return [low] if count == 1 else [low, low + 1]
