@@ -1,8 +1,8 @@
 """lfpipe: a light field you look into, on an ordinary screen.
 
 For programs and notebooks (docs/python.md): `open_scene`, `render_view`, `render_anaglyph`,
-`Tracker`, `replay`, `attach`. Each is imported when it is first used, so that `import lfpipe` and
-the command line stay quick.
+`Tracker`, `LiveScene`, `replay`, `attach`. Each is imported when it is first used, so that
+`import lfpipe` and the command line stay quick.
 """
 
 import importlib
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from lfpipe._version import __version__ as __version__
 
 if TYPE_CHECKING:
+    from lfpipe.api.live_scene import LiveScene, Viewpoints
     from lfpipe.api.scenes import open_scene, render_anaglyph, render_view
     from lfpipe.api.session import Attachment, Frame, Session, attach, replay
     from lfpipe.api.tracker import Eyes, Tracker
@@ -26,9 +27,11 @@ __all__ = [
     "Frame",
     "Head",
     "LightField",
+    "LiveScene",
     "Session",
     "Tracker",
     "UserError",
+    "Viewpoints",
     "attach",
     "open_scene",
     "render_anaglyph",
@@ -36,6 +39,7 @@ __all__ = [
     "replay",
 ]
 _MODULES = {
+    "api.live_scene": ("LiveScene", "Viewpoints"),
     "api.scenes": ("open_scene", "render_anaglyph", "render_view"),
     "api.session": ("Attachment", "Frame", "Session", "attach", "replay"),
     "api.tracker": ("Eyes", "Tracker"),

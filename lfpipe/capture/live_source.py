@@ -11,9 +11,10 @@ from pathlib import Path
 import attrs
 
 from lfpipe.capture.open_source import probe_source
-from lfpipe.capture.spec import parse_source
+from lfpipe.capture.spec import RingKind, parse_source
 from lfpipe.config import Camera, Config, LiveSource
 from lfpipe.errors import UserError
+from lfpipe.live.shared_scene import attached
 
 PREFIX = "live:"
 FORM = "live:SOURCE?layout=side-by-side|over-under|mosaic&grid=RxC&size=WxH"
@@ -45,14 +46,13 @@ def check_live(text: str, config: Config) -> LiveSource:
     camera = live_camera(config, asked_px or config.camera.frame_px)
     info = probe_source(source, camera)
     frame_px = asked_px or info.size_px
-    (rows, cols), across = _grid(text, own, frame_px)
+    (rows, cols), across = _grid(text, source, own, frame_px)
     live = LiveSource(
         source=source,
         rows=rows,
         cols=cols,
         tiles_across=across,
         frame_px=frame_px,
-        rate_hz=info.rate_hz,
     )
     down = rows * cols // across
     if frame_px[0] % across or frame_px[1] % down:
@@ -103,20 +103,26 @@ def _pair(own: dict[str, str], key: str, between: str) -> tuple[int, int] | None
     return int(found[1]), int(found[2])
 
 
-def _grid(text: str, own: dict[str, str], frame_px: tuple[int, int]) -> tuple[tuple[int, int], int]:
+def _grid(
+    text: str, source: str, own: dict[str, str], frame_px: tuple[int, int]
+) -> tuple[tuple[int, int], int]:
     """(rows, columns) of the light field, and its views across a frame. Raises UserError."""
-    grid = _pair(own, "grid", "x")
+    if isinstance(kind := parse_source(source), RingKind):
+        reader, grid, _ = attached(kind.name)
+        reader.close()
+        return grid, grid[1]
+    given = _pair(own, "grid", "x")
     layout = own.get("layout")
     if layout is None:
-        layout = "mosaic" if grid else "side-by-side" if frame_px[0] >= WIDE * frame_px[1] else ""
-    if layout == "mosaic" and grid is not None and grid != (1, 1):
-        return grid, grid[1]
-    if layout in LAYOUTS and grid in (None, (1, 2)):
+        layout = "mosaic" if given else "side-by-side" if frame_px[0] >= WIDE * frame_px[1] else ""
+    if layout == "mosaic" and given is not None and given != (1, 1):
+        return given, given[1]
+    if layout in LAYOUTS and given in (None, (1, 2)):
         return LAYOUTS[layout]
     if not layout:
         problem = f"a frame of {frame_px[0]}x{frame_px[1]} px does not show how its views lie"
     else:
-        problem = f"layout={layout}" + (f"&grid={own['grid']}" if grid else "") + " is no layout"
+        problem = f"layout={layout}" + (f"&grid={own['grid']}" if given else "") + " is no layout"
     raise UserError(
         f"{text}: {problem}",
         "add ?layout=side-by-side, ?layout=over-under or ?layout=mosaic&grid=ROWSxCOLUMNS",

@@ -1,6 +1,7 @@
 """Names of frame sources, and the table of their kinds.
 
     camera:N  camera:/dev/videoN  camera:NAME  file:PATH[?loop=0|1&pace=recorded|max|HZ]  demo
+    ring:NAME
 
 Another kind is a subclass of `SourceKind`: an entry point of the group `lfpipe.sources`, named as
 its prefix, or a line in KINDS. What opens a source is imported when it is opened.
@@ -224,7 +225,37 @@ class DemoSpec(SourceKind):
         return DemoSource(camera)
 
 
-KINDS: dict[str, type[SourceKind]] = {"camera": CameraSpec, "file": FileSpec, "demo": DemoSpec}
+@attrs.frozen
+class RingKind(SourceKind):
+    """The views that another program draws, by `lfpipe.LiveScene`."""
+
+    name: str
+
+    form = "ring:NAME"
+    live = True
+    remedy = "start the program that draws it"
+
+    @classmethod
+    def parse(cls, rest: str) -> Self | None:
+        return cls(rest) if rest else None
+
+    def open(self, camera: config.Camera) -> "FrameSource":
+        from lfpipe.capture.ring_source import RingSource
+
+        return RingSource(self.name)
+
+    def probe(self, camera: config.Camera) -> "SourceInfo | None":
+        source = self.open(camera)  # which may write its first frame later
+        source.close()
+        return source.info
+
+
+KINDS: dict[str, type[SourceKind]] = {
+    "camera": CameraSpec,
+    "file": FileSpec,
+    "demo": DemoSpec,
+    "ring": RingKind,
+}
 
 
 def forms() -> str:

@@ -86,7 +86,6 @@ class LiveSource:
     tiles_across: int
     # (width, height)
     frame_px: tuple[int, int]
-    rate_hz: float
 
     @property
     def width_px(self) -> int:

@@ -99,11 +99,14 @@ attach = Segment  # without a lock, and without the tracker of `multiprocessing`
 def create(name: str, size_bytes: int, run_dir: Path | None = None) -> Segment:
     """Creates a segment, mode 0600, of size_bytes zeros for the session of run_dir.
 
-    Raises UserError if there is too little memory, or if shared memory cannot be created at all.
+    Raises UserError if there is too little memory, or if shared memory cannot be created at all,
+    FileExistsError if the name is taken.
     """
     whole_bytes = -(-size_bytes // PAGE) * PAGE
     try:
         return _create(name, whole_bytes, os.fsencode(run_dir) if run_dir else b"")
+    except FileExistsError:
+        raise
     except OSError as error:
         if error.errno not in (errno.ENOSPC, errno.ENOMEM):
             raise UserError(

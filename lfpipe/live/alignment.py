@@ -18,7 +18,7 @@ from lfpipe.scene.optical_flow import FloatMap, Grey, robust_fit, textured
 SAMPLES = 800  # pixels of a frame that are compared
 TOLERANCE_PX = 0.5  # of the fit: flow beyond it is wrong or of a moving thing
 FAST_FRAMES = 60  # the mean of as many is taken at first; then it follows slowly
-SLOW = 0.01  # share of a later frame
+EVERY, SLOW = 4, 0.04  # later, of so many frames one is measured; its share
 MEASURED = 5  # frames before it is applied
 
 
@@ -28,13 +28,16 @@ class Alignment:
     def __init__(self, width_px: int, height_px: int) -> None:
         self._middle = (width_px - 1) / 2, (height_px - 1) / 2
         self._fit = np.zeros(3)  # height px, rotation rad, scale
-        self._frames = 0
+        self._seen = self._frames = 0  # frames, and those with enough texture
         self._applied = np.zeros(3)
 
     def add(self, left: Grey, flow_px: FloatMap) -> None:
         """Adds a frame: the left view at half its size, and the flow to the aligned right one, in
         px of the full size.
         """
+        self._seen += 1
+        if self._frames > FAST_FRAMES and self._seen % EVERY:
+            return
         at = np.flatnonzero(textured(left))
         if len(at) < SAMPLES // 8:
             return

@@ -5,22 +5,24 @@ directions at half the resolution (dense inverse search, see `lfpipe.scene.optic
 frame starts from the last one's result.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
+import attrs
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import LiveSource
 from lfpipe.live.alignment import Alignment
-from lfpipe.live.records import View, cut
-from lfpipe.scene.lightfield import UNKNOWN
+from lfpipe.live.records import Pair, View, cut, views_of
+from lfpipe.scene.disparity import quantised
 from lfpipe.scene.optical_flow import FloatMap, Grey, grid_xy
 
 # Of dense inverse search: finest scale, stride of patches, descents, smoothings. On pairs of HCI
 # antinous and newshot01, Stanford's lego knights and a light-field video, both directions at
 # 512x512: 3.8 ms and at most 1.1 dB below the packer; 2.2 ms and at most 2.7 dB below it.
 FINE, COARSE = (1, 5, 6, 2), (2, 4, 16, 5)
+FINE_PAIRS = 2  # more, where the viewpoint is between two rows, take the coarse one
 PATCH_PX = 8
 RETURN_PX = 1.0  # between the disparity of a point in both views: more, and one of them hides it
 # Between two frames, in grey levels: below, a pixel has not changed but for the camera's noise, and
@@ -30,7 +32,23 @@ RANGE_PERCENT = (1.0, 99.0)  # of the disparities that count as farthest and nea
 STEPS_PX = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)  # of stored disparity, which has 8 bits
 SMALLER_STEP = 0.7  # share of a smaller step's range that must suffice before it is used
 
-Pair = tuple[View, View]
+
+@attrs.frozen
+class Found:
+    """Disparity of views of one frame."""
+
+    maps: Mapping[View, NDArray[np.int8]]
+    """As in `LightField.disparity`, in steps of step_px."""
+    step_px: float
+    range_px: tuple[float, float]
+    """Farthest and nearest."""
+
+    @classmethod
+    def of(cls, maps: Mapping[View, NDArray[np.int8]], step_px: float) -> "Found":
+        """Of known maps."""
+        sample = np.concatenate([one[::4, ::4].ravel() for one in maps.values()])
+        low, high = (np.percentile(sample, RANGE_PERCENT) * step_px).tolist()
+        return cls(maps, step_px, (low, high))
 
 
 class _PairState:
@@ -51,29 +69,26 @@ class Estimator:
         self._engines = [_engine(*FINE), _engine(*COARSE)]
         self._states: dict[Pair, _PairState] = {}
         self.alignment = Alignment(live.width_px, live.height_px) if aligns else None
-        self.step_px = STEPS_PX[1]
-        """Of stored disparity."""
-        self.range_px = (0.0, 0.0)
-        """Farthest and nearest of the last frame."""
+        self._step_px = STEPS_PX[1]
 
     def estimate(
-        self, frame: NDArray[np.uint8], views: Iterable[View], coarse: bool = False
-    ) -> Mapping[View, NDArray[np.int8]]:
-        """Maps of views in a frame, uint8 (height, width, 3) BGR, as in `LightField.disparity` in
-        steps of `step_px`; without those that have no neighbour among them.
-        """
-        wanted = list(views)
-        pairs = pairs_of(wanted, self._live)
-        greys = {view: self._grey(frame, view) for view in wanted}
+        self, frame: NDArray[np.uint8], pairs: Sequence[Pair], coarse: bool = False
+    ) -> Found:
+        """Disparity of the views of some pairs in a frame, uint8 (height, width, 3) BGR."""
+        greys = {view: self._grey(frame, view) for view in views_of(pairs)}
+        engine = self._engines[coarse or len(pairs) > FINE_PAIRS]
         found: dict[View, FloatMap] = {}
         for pair in pairs:
             a, b = pair
-            maps = self._pair(pair, greys[a], greys[b], self._engines[coarse])
-            for view, disparity in zip(pair, maps, strict=True):
+            both = self._pair(pair, greys[a], greys[b], engine)
+            for view, disparity in zip(pair, both, strict=True):
                 found.setdefault(view, disparity)
         self._states = {pair: state for pair, state in self._states.items() if pair in pairs}
-        self._set_step(list(found.values()))
-        return {view: self._stored(disparity) for view, disparity in found.items()}
+        sample = np.concatenate([one[::4, ::4].ravel() for one in found.values()])
+        low, high = np.percentile(sample, RANGE_PERCENT).tolist()
+        self._set_step(max(abs(low), abs(high)))
+        maps = {view: quantised(disparity, self._step_px) for view, disparity in found.items()}
+        return Found(maps, self._step_px, (low, high))
 
     def _grey(self, frame: NDArray[np.uint8], view: View) -> Grey:
         """A view in grey at half its size, aligned."""
@@ -122,31 +137,11 @@ class Estimator:
         seen_by_a, seen_by_b = at(db, -half * da), at(da, half * db)
         return _farther(da, seen_by_a), _farther(db, seen_by_b)
 
-    def _set_step(self, maps: Sequence[FloatMap]) -> None:
+    def _set_step(self, most_px: float) -> None:
         """Follows the range of disparity; a smaller step only well within its range."""
-        if not maps:
-            return
-        sample = np.concatenate([one[::4, ::4].ravel() for one in maps])
-        low, high = np.percentile(sample, RANGE_PERCENT).tolist()
-        self.range_px = low, high
-        most = max(abs(low), abs(high))
-        fits = next((step for step in STEPS_PX if most <= 127 * step), STEPS_PX[-1])
-        if fits > self.step_px or most <= SMALLER_STEP * 127 * fits:
-            self.step_px = fits
-
-    def _stored(self, disparity: FloatMap) -> NDArray[np.int8]:
-        steps = np.rint(disparity / np.float32(self.step_px))
-        return np.asarray(np.clip(steps, UNKNOWN + 1, 127), np.int8)
-
-
-def pairs_of(views: Sequence[View], live: LiveSource) -> list[Pair]:
-    """The neighbours among views, along rows, or along the column if there is one."""
-    step = (0, 1) if live.cols > 1 else (1, 0)
-    return [
-        (view, beside)
-        for view in views
-        if (beside := (view[0] + step[0], view[1] + step[1])) in views
-    ]
+        fits = next((step for step in STEPS_PX if most_px <= 127 * step), STEPS_PX[-1])
+        if fits > self._step_px or most_px <= SMALLER_STEP * 127 * fits:
+            self._step_px = fits
 
 
 def _engine(finest: int, stride: int, descents: int, smoothings: int) -> cv2.DISOpticalFlow:

@@ -19,7 +19,7 @@ METHOD = "warp2"
 # comes near does not change the depth of everything else.
 RANGE_S = 2.0
 CHANGED_LEVELS = 12.0  # between two frames: more, and old disparity does not hold
-UNKNOWN_WITHOUT = 3  # px of the map around such a change, too
+UNKNOWN_AROUND = 3  # px of the map around such a change, too
 
 
 def summary_of(live: LiveSource, name: str) -> SceneSummary:
@@ -44,7 +44,8 @@ class LiveViews:
         grid = live.rows, live.cols
         self._views = np.zeros((1, *grid, 3, live.height_px, live.width_px), np.uint8)
         self._maps = np.full((1, *grid, *map_size(live)), UNKNOWN, np.int8)
-        self._record: NDArray[np.void] | None = None
+        self._align = np.eye(2, 3, dtype=np.float32)
+        self._greens: dict[View, NDArray[np.uint8]] = {}  # of the frame of the disparity
         self._range: tuple[float, ...] = ()  # low, high, low and high at the border
         self._t_ns = 0
         manifest = Manifest(
@@ -69,43 +70,46 @@ class LiveViews:
         """Shows views of a frame, uint8 (height, width, 3) BGR, with the disparity record of this
         frame.
         """
-        count = int(record["count"])
-        self._maps[:] = UNKNOWN
-        for k in range(count):
-            row, col = record["views"][k].tolist()
-            self._maps[0, row, col] = record["maps"][k]
-        self._record = record
+        self.measure(frame, record, t_ns)
         self._fill(frame, views)
-        self._follow_range(record, t_ns)
         return self.field
 
-    def show_with_last(
-        self, frame: NDArray[np.uint8], last: NDArray[np.uint8], views: Iterable[View]
-    ) -> LightField:
-        """Shows views of a frame with the disparity of an earlier one, last; unknown where the
-        picture has changed.
+    def measure(self, frame: NDArray[np.uint8], record: NDArray[np.void], t_ns: int) -> None:
+        """Sets the disparity of a frame, which a later one may be shown with."""
+        self._maps[:] = UNKNOWN
+        self._greens.clear()
+        self._align = np.asarray(record["align"], np.float32)
+        for k in range(int(record["count"])):
+            row, col = record["views"][k].tolist()
+            self._maps[0, row, col] = record["maps"][k]
+            self._greens[row, col] = self._green(frame, (row, col))
+        self._follow_range(record, t_ns)
+
+    def show_with_last(self, frame: NDArray[np.uint8], views: Iterable[View]) -> LightField:
+        """Shows views of a frame with the disparity that was set last; unknown where the picture
+        has changed since.
         """
-        views = list(views)
-        for view in views:
-            disparity = self._maps[0, view[0], view[1]]
-            size = disparity.shape[::-1]
-            now, before = (
-                cv2.resize(cut(one, self._live, view)[..., 1], size, interpolation=cv2.INTER_AREA)
-                for one in (frame, last)
-            )
-            changed = (cv2.absdiff(now, before) > CHANGED_LEVELS).astype(np.uint8)
-            side = 2 * UNKNOWN_WITHOUT + 1
-            disparity[cv2.dilate(changed, np.ones((side, side), np.uint8)) > 0] = UNKNOWN
+        side = 2 * UNKNOWN_AROUND + 1
+        for view, green in self._greens.items():
+            changed = cv2.absdiff(self._green(frame, view), green) > CHANGED_LEVELS
+            around = cv2.dilate(changed.astype(np.uint8), np.ones((side, side), np.uint8))
+            self._maps[0, view[0], view[1]][around > 0] = UNKNOWN
         self._fill(frame, views)
         self.field = attrs.evolve(self.field)
         return self.field
 
+    def _green(self, frame: NDArray[np.uint8], view: View) -> NDArray[np.uint8]:
+        """A view of a frame at the size of its map."""
+        rows, cols = map_size(self._live)
+        green = cut(frame, self._live, view)[..., 1]
+        return np.asarray(cv2.resize(green, (cols, rows), interpolation=cv2.INTER_AREA), np.uint8)
+
     def _fill(self, frame: NDArray[np.uint8], views: Iterable[View]) -> None:
-        align = None if self._record is None else np.asarray(self._record["align"], np.float32)
+        two_cameras = self._live.rows * self._live.cols == 2
         for row, col in views:
             picture = cut(frame, self._live, (row, col))
-            if align is not None and self._live.rows * self._live.cols == 2 and col == 1:
-                picture = aligned(picture, align)
+            if two_cameras and col == 1:
+                picture = aligned(picture, self._align)
             for channel in range(3):
                 cv2.extractChannel(picture, 2 - channel, self._views[0, row, col, channel])
 

@@ -12,7 +12,11 @@ from lfpipe.transport.ring import RingSpec
 
 VIEWS_SLOTS = 5
 VIEWS_BYTES = 48 << 20  # of the ring of views, unless its frames are larger
-MAX_VIEWS = 8  # with disparity at a time: four around each eye
+MAX_PAIRS = 4  # of neighbouring views with disparity at a time: two for each eye
+MAX_VIEWS = 2 * MAX_PAIRS
+# of a step from row to row, on both sides of its middle: a warp fades there (its ROW_FADE), and
+# the viewpoint moves on until the next frame
+BOTH_ROWS = 0.2
 
 # where the eyes are on the grid when the next picture is displayed, and from the middle of the
 # screen: right, up, towards the viewer; zeros without a face
@@ -26,6 +30,7 @@ VIEWPOINTS = np.dtype(
 )
 
 View = tuple[int, int]  # row, column
+Pair = tuple[View, View]  # neighbours, the second one right of the first, or below it
 
 
 def map_size(live: LiveSource) -> tuple[int, int]:
@@ -70,22 +75,38 @@ def cut(frame: NDArray[np.uint8], live: LiveSource, view: View) -> NDArray[np.ui
     return frame[top : top + live.height_px, left : left + live.width_px]
 
 
-def views_in_need(live: LiveSource, positions: Iterable[tuple[float, float]]) -> list[View]:
-    """The stored views around viewpoints (row, col): two to four for each, at most MAX_VIEWS."""
-    views = {view: None for position in positions for view in _around(live, position)}
-    return list(views)[:MAX_VIEWS]
+def pairs_in_need(live: LiveSource, positions: Iterable[tuple[float, float]]) -> list[Pair]:
+    """The pairs of neighbours around viewpoints (row, col), along rows, or along the only column;
+    at most MAX_PAIRS.
+    """
+    pairs = {pair: None for position in positions for pair in _around(live, position)}
+    return list(pairs)[:MAX_PAIRS]
 
 
-def _around(live: LiveSource, position: tuple[float, float]) -> Iterator[View]:
-    rows, cols = (
-        _neighbours(at, count) for at, count in zip(position, (live.rows, live.cols), strict=True)
-    )
-    for row in rows:
-        for col in cols:
-            yield row, col
+def views_of(pairs: Iterable[Pair]) -> list[View]:
+    """The views of pairs, each once."""
+    return list(dict.fromkeys(view for pair in pairs for view in pair))
 
 
-def _neighbours(at: float, count: int) -> list[int]:
-    """The stored views on an axis on both sides of a viewpoint."""
-    low = int(min(max(np.floor(at), 0), max(count - 2, 0)))
-    return [low] if count == 1 else [low, low + 1]
+def _around(live: LiveSource, position: tuple[float, float]) -> Iterator[Pair]:
+    row, col = position
+    if live.cols == 1:
+        top = _below(row, live.rows)
+        yield (top, 0), (top + 1, 0)
+        return
+    left = _below(col, live.cols)
+    for at in _rows(row, live.rows):
+        yield (at, left), (at, left + 1)
+
+
+def _below(at: float, count: int) -> int:
+    """The first of the two stored views around a viewpoint on an axis."""
+    return int(min(max(np.floor(at), 0), max(count - 2, 0)))
+
+
+def _rows(at: float, count: int) -> list[int]:
+    """The row that a warp uses; two where it fades from one to the other."""
+    low = _below(at, count)
+    if count == 1 or at - low < 0.5 - BOTH_ROWS:
+        return [low]
+    return [low + 1] if at - low > 0.5 + BOTH_ROWS else [low, low + 1]

@@ -1,78 +1,120 @@
 """Disparity: maps of the views that the viewer needs, for each frame of a live light field.
 
-Reads: ring "views", the newest frame; ring "viewpoints", the newest.
+Reads: ring "views", the newest frame; ring "viewpoints", the newest; of a program that draws the
+scene, its own ring, which may know the disparity.
 Writes: ring "disparity", one record for each frame that it had time for.
 Commands: stop; a lower rate and a faster estimator by option "level".
 Emits: alignment (rotation of the right camera).
 """
 
-import logging
+import contextlib
 import time
 
 import numpy as np
+from numpy.typing import NDArray
 
-from lfpipe.config import LiveSource
-from lfpipe.live.estimator import Estimator
-from lfpipe.live.records import VIEWPOINTS, View, views_in_need
+from lfpipe.live.estimator import Estimator, Found
+from lfpipe.live.program import Program
+from lfpipe.live.records import VIEWPOINTS, Pair, pairs_in_need, views_of
+from lfpipe.live.shared_scene import RING
 from lfpipe.transport import ring
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
+from lfpipe.transport.ring import Stamp
 
-logger = logging.getLogger(__name__)
 REPORT_NS = 5 * SECOND_NS  # between two reports of the alignment
 
 
-def main(context: Context) -> None:
-    """Runs the stage until it is stopped."""
-    live = context.options.live
-    assert live is not None
-    views = context.input("views")
-    viewpoints = ring.Reader(context.spec.session.segment("viewpoints"))  # wakes nobody
-    output = context.output("disparity")
-    # a mosaic of many views comes from one optical system, a pair from two
-    estimator = Estimator(live, aligns=live.rows * live.cols == 2)
-    needed = views_in_need(live, [((live.rows - 1) / 2, (live.cols - 1) / 2)])
-    at = np.empty((), VIEWPOINTS)
-    reported_ns = 0
-    context.ready()
-    while context.wait():
-        context.ack_config()
-        if viewpoints.read(at) is not None:
-            needed = _needed(live, at)
-        peeked = views.peek()
-        if peeked is None or context.paused:
-            continue
-        stamp, frame = peeked
+class DisparityStage:
+    """Measures disparity, or takes that of the program that draws the scene."""
+
+    def __init__(self, context: Context) -> None:
+        live = context.options.live
+        assert live is not None
+        self._context = context
+        self._live = live
+        self._views = context.input("views")
+        self._viewpoints = ring.Reader(context.spec.session.segment("viewpoints"))  # wakes nobody
+        self._output = context.output("disparity")
+        name = live.source.removeprefix(RING)
+        self._program = Program(name) if name != live.source else None
+        # a mosaic of many views comes from one optical system, a pair from two
+        two_cameras = live.rows * live.cols == 2 and self._program is None
+        self._estimator = Estimator(live, aligns=two_cameras)
+        self._at = np.zeros((), VIEWPOINTS)
+        self._at["left"] = self._at["right"] = (live.rows - 1) / 2, (live.cols - 1) / 2
+        self._reported_ns = 0
+
+    def run(self) -> None:
+        """Runs until the stop command."""
+        context = self._context
+        while context.wait():
+            context.ack_config()
+            peeked = self._views.peek()
+            if peeked is not None and not context.paused:
+                self._measure(*peeked)
+
+    def _measure(self, stamp: Stamp, frame: NDArray[np.uint8]) -> None:
+        context = self._context
         lowered = context.options.level.disparity if context.options.level else 0
         if lowered and stamp.source_seq % 2:
             context.row["left_out"] += 1
-            continue
+            return
         t_taken_ns = now_ns()
-        maps = estimator.estimate(frame, needed, coarse=lowered > 1)
-        if not views.still_valid(stamp):
-            continue
-        record = output.begin()
-        record["count"] = len(maps)
-        record["scale_px"] = estimator.step_px
-        record["low_px"], record["high_px"] = estimator.range_px
-        aligned = estimator.alignment
-        record["align"] = np.eye(2, 3) if aligned is None else aligned.matrix
-        for k, (view, disparity) in enumerate(maps.items()):
-            record["views"][k] = view
-            record["maps"][k] = disparity
-        output.publish(
-            stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind
-        )
+        found = self._found(stamp, frame, coarse=lowered > 1)
+        if not self._views.still_valid(stamp):
+            return
+        self._publish(stamp, found)
         t_ns = now_ns()
         context.row.count_output(stamp.source_seq)
         context.row.record_latency(
             t_taken_ns - stamp.t_publish_ns, t_ns - t_taken_ns, t_ns - stamp.t_sensor_ns
         )
         context.row["cpu_ns"] = time.process_time_ns()
-        if aligned is not None and t_ns - reported_ns > REPORT_NS:
-            reported_ns = t_ns
-            context.emit("alignment", rotation_deg=round(aligned.rotation_deg, 2))
+        self._report(t_ns)
+
+    def _found(self, stamp: Stamp, frame: NDArray[np.uint8], coarse: bool) -> Found:
+        fresh = self._viewpoints.read(self._at) is not None
+        pairs = self._pairs()
+        if self._program is not None:
+            if fresh:
+                self._program.tell(self._at)
+            if (known := self._program.found(stamp, views_of(pairs))) is not None:
+                return known
+        return self._estimator.estimate(frame, pairs, coarse)
+
+    def _pairs(self) -> list[Pair]:
+        return pairs_in_need(self._live, [self._at["left"].tolist(), self._at["right"].tolist()])
+
+    def _publish(self, stamp: Stamp, found: Found) -> None:
+        record = self._output.begin()
+        record["count"] = len(found.maps)
+        record["scale_px"] = found.step_px
+        record["low_px"], record["high_px"] = found.range_px
+        aligned = self._estimator.alignment
+        record["align"] = np.eye(2, 3) if aligned is None else aligned.matrix
+        for k, (view, disparity) in enumerate(found.maps.items()):
+            record["views"][k] = view
+            record["maps"][k] = disparity
+        self._output.publish(
+            stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind
+        )
+
+    def _report(self, t_ns: int) -> None:
+        aligned = self._estimator.alignment
+        if aligned is not None and t_ns - self._reported_ns > REPORT_NS:
+            self._reported_ns = t_ns
+            self._context.emit("alignment", rotation_deg=round(aligned.rotation_deg, 2))
+
+    def close(self) -> None:
+        """Closes the rings that the context does not know."""
+        self._viewpoints.close()
+        if self._program is not None:
+            self._program.close()
 
 
-def _needed(live: LiveSource, at: np.ndarray) -> list[View]:
-    return views_in_need(live, [at["left"].tolist(), at["right"].tolist()])
+def main(context: Context) -> None:
+    """Runs the stage until it is stopped."""
+    with contextlib.closing(DisparityStage(context)) as stage:
+        context.ready()
+        stage.run()

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lfpipe.config import LiveSource
 from lfpipe.live.field import LiveViews
-from lfpipe.live.records import View, disparity_dtype, views_in_need
+from lfpipe.live.records import View, disparity_dtype, pairs_in_need, views_of
 from lfpipe.render.synthesis.viewpoint import Position
 from lfpipe.scene.lightfield import LightField
 from lfpipe.transport.clock import SECOND_NS
@@ -20,16 +20,17 @@ from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Stamp
 
 LATE_FRAMES = 2.5  # frame intervals
-KEPT_FRAMES = 3  # that wait for their disparity
+KEPT_FRAMES = 5  # the newest: disparity may be as late
 MANY_VIEWS = 9  # of larger grids, only the views in need are taken from a frame
-USUAL_HZ = 30.0  # of a source that does not know its rate
+USUAL_NS = SECOND_NS // 30  # interval of frames, until some were seen
+SHARE = 0.1  # of an interval in their running mean
 
 
-class _Waiting(NamedTuple):
-    """A frame."""
+class _Frame(NamedTuple):
+    """A frame of all views."""
 
     stamp: Stamp
-    frame: NDArray[np.uint8]
+    picture: NDArray[np.uint8]
 
 
 class LiveInput:
@@ -47,11 +48,10 @@ class LiveInput:
         self.own_disparity = False
         """Whether its disparity was measured in its views."""
         width_px, height_px = live.frame_px
-        self._free = [np.empty((height_px, width_px, 3), np.uint8) for _ in range(KEPT_FRAMES + 2)]
-        self._waiting: list[_Waiting] = []
-        self._shown: _Waiting | None = None
+        self._spare = np.empty((height_px, width_px, 3), np.uint8)
+        self._frames: list[_Frame] = []  # the newest last
         self._record = np.zeros((), disparity_dtype(live))
-        self._late_ns = int(LATE_FRAMES * SECOND_NS / (live.rate_hz or USUAL_HZ))
+        self._interval_ns = float(USUAL_NS)
 
     def take(self, positions: Iterable[Position], t_ns: int) -> LightField | None:
         """Reads both rings; returns the light field if a newer one is to be shown. positions: the
@@ -59,35 +59,53 @@ class LiveInput:
         """
         self._take_views()
         stamp = self._disparity.take(self._record)
-        if stamp is not None:
-            number = stamp.epoch, stamp.source_seq
-            for k, waiting in enumerate(self._waiting):
-                if (waiting.stamp.epoch, waiting.stamp.source_seq) == number:
-                    views = self._in_need(positions)
-                    self._store.show(waiting.frame, views, self._record, t_ns)
-                    return self._showing(k, own_disparity=True)
-        if self._waiting and t_ns - self._waiting[0].stamp.t_publish_ns > self._late_ns:
-            newest = self._waiting[-1].frame
-            last = self._shown.frame if self._shown else newest
-            self._store.show_with_last(newest, last, self._in_need(positions))
-            return self._showing(len(self._waiting) - 1, own_disparity=False)
+        frame = self._frame_of(stamp) if stamp is not None else None
+        if frame is not None:
+            if self.stamp is None or frame.stamp.seq >= self.stamp.seq:
+                self._store.show(frame.picture, self._in_need(positions), self._record, t_ns)
+                return self._showing(frame, own_disparity=True)
+            self._store.measure(frame.picture, self._record, t_ns)  # for frames after it
+        waiting = [
+            frame
+            for frame in self._frames
+            if self.stamp is None or frame.stamp.seq > self.stamp.seq
+        ]
+        # once one was late, the next ones are not waited for
+        late_ns = LATE_FRAMES * self._interval_ns
+        late = self.stamp is not None and not self.own_disparity
+        if waiting and (late or t_ns - waiting[0].stamp.t_publish_ns > late_ns):
+            self._store.show_with_last(waiting[-1].picture, self._in_need(positions))
+            return self._showing(waiting[-1], own_disparity=False)
         return None
 
-    def _take_views(self) -> None:
-        if len(self._waiting) == KEPT_FRAMES:
-            self._free.append(self._waiting.pop(0).frame)
-        stamp = self._views.take(self._free[-1])
-        if stamp is not None:
-            self._waiting.append(_Waiting(stamp, self._free.pop()))
+    def _frame_of(self, stamp: Stamp) -> _Frame | None:
+        """The frame that disparity was measured in, if it is kept."""
+        number = stamp.epoch, stamp.source_seq
+        return next(
+            (
+                frame
+                for frame in self._frames
+                if (frame.stamp.epoch, frame.stamp.source_seq) == number
+            ),
+            None,
+        )
 
-    def _showing(self, k: int, own_disparity: bool) -> LightField:
-        """Keeps frame k of those that wait, and frees those before it."""
-        if self._shown is not None:
-            self._free.append(self._shown.frame)
-        self._free += [waiting.frame for waiting in self._waiting[:k]]
-        self._shown = self._waiting[k]
-        del self._waiting[: k + 1]
-        self.stamp = self._shown.stamp
+    def _take_views(self) -> None:
+        stamp = self._views.take(self._spare)
+        if stamp is None:
+            return
+        if self._frames and self._frames[-1].stamp.epoch == stamp.epoch:
+            passed_ns = stamp.t_sensor_ns - self._frames[-1].stamp.t_sensor_ns
+            self._interval_ns += SHARE * (min(passed_ns, SECOND_NS) - self._interval_ns)
+        self._frames.append(_Frame(stamp, self._spare))
+        self._spare = (
+            self._frames.pop(0).picture
+            if len(self._frames) > KEPT_FRAMES
+            else np.empty_like(self._spare)
+        )
+
+    def _showing(self, frame: _Frame, own_disparity: bool) -> LightField:
+        self.stamp = frame.stamp
         self.own_disparity = own_disparity
         self.field = self._store.field
         return self.field
@@ -99,7 +117,7 @@ class LiveInput:
         live = self._live
         if live.rows * live.cols <= MANY_VIEWS:
             return list(np.ndindex(live.rows, live.cols))
-        near = views_in_need(live, positions)
+        near = views_of(pairs_in_need(live, positions))
         rows = [view[0] for view in near]
         cols = [view[1] for view in near]
         return [

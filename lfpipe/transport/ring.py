@@ -265,6 +265,13 @@ class Reader(_Ring):
                 return stamp, self._payloads[(n - 1) % self.slots]
         return None
 
+    def find(self, t_sensor_ns: int) -> tuple[Stamp, NDArray[Any]] | None:
+        """As `peek`, the slot of this sensor stamp, if it still exists."""
+        for head, payload in zip(self._heads, self._payloads, strict=True):
+            if int(head[3]) == t_sensor_ns and (stamp := self._stamp(int(head[0]))) is not None:
+                return stamp, payload
+        return None
+
     def still_valid(self, stamp: Stamp) -> bool:
         """Whether the writer has not touched the peeked slot of stamp since."""
         fence()  # SYNC: all reads of the slot come before the counter is read again

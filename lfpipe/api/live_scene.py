@@ -1,0 +1,184 @@
+"""A live scene that a program draws."""
+
+import contextlib
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfpipe.errors import UserError
+from lfpipe.host.segment import Segment
+from lfpipe.live.records import VIEWPOINTS
+from lfpipe.live.shared_scene import (
+    MAX_SIDE_PX,
+    MAX_SIDE_VIEWS,
+    SLOTS,
+    VIEWPOINTS_RING,
+    check_name,
+    scene_dtype,
+    segment_of,
+    viewpoints_of,
+)
+from lfpipe.scene.disparity import quantised, scale_for
+from lfpipe.transport import ring
+from lfpipe.transport.clock import now_ns
+from lfpipe.transport.ring import RingSpec
+
+
+class Viewpoints(NamedTuple):
+    """Where the eyes will be when the next picture is displayed."""
+
+    left: tuple[float, float]
+    """(row, column) on the grid of views, fractional."""
+    right: tuple[float, float]
+    left_mm: tuple[float, float, float]
+    """From the neutral place: right, up, and the distance from the screen, mm; zeros without a
+    face."""
+    right_mm: tuple[float, float, float]
+
+
+class LiveScene:
+    """A light field that this program draws, frame by frame, for `lfpipe up live:ring:NAME`.
+
+    Parameters
+    ----------
+    name : str
+        1 to 32 letters, digits and _.
+    rows, cols : int
+        The grid of views: row 0 is the top camera, column 0 the left one.
+    size_px : tuple of int
+        (width, height) of a view.
+
+    Raises
+    ------
+    UserError
+        If the name is not valid or in use, a number is out of range, or shared memory is short.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> with LiveScene("grey", rows=1, cols=2, size_px=(64, 48)) as scene:
+    ...     scene.write(np.full((1, 2, 48, 64, 3), 128, np.uint8))
+    """
+
+    def __init__(self, name: str, *, rows: int, cols: int, size_px: tuple[int, int]) -> None:
+        check_name(name)
+        _check_range("rows", rows, MAX_SIDE_VIEWS)
+        _check_range("cols", cols, MAX_SIDE_VIEWS)
+        if len(size_px) != 2:
+            raise UserError(f"size_px {size_px!r}: not two numbers", "give (width, height)")
+        for what, value in zip(("width", "height"), size_px, strict=True):
+            _check_range(f"size_px {what}", value, MAX_SIDE_PX)
+        if rows * cols < 2:
+            raise UserError("rows 1, cols 1: one view has no parallax", "use two views or more")
+        self.name = name
+        self._shape = rows, cols, size_px[1], size_px[0], 3
+        self._parts = contextlib.ExitStack()
+        try:
+            spec = RingSpec((), scene_dtype(rows, cols, size_px), SLOTS)
+            self._make(segment_of(name), spec)
+            self._make(viewpoints_of(name), VIEWPOINTS_RING)
+            self._writer = ring.Writer(segment_of(name))
+            self._parts.callback(self._writer.close)
+            self._viewpoints = ring.Reader(viewpoints_of(name))
+            self._parts.callback(self._viewpoints.close)
+        except BaseException:
+            self._parts.close()
+            raise
+        self._at = np.zeros((), VIEWPOINTS)
+        self._count = 0
+
+    def _make(self, name: str, spec: RingSpec) -> None:
+        try:
+            made = ring.create(name, spec)
+        except FileExistsError:
+            raise UserError(
+                f"live scene {self.name!r} is in use",
+                "end the other program, use another name, or remove what is left of a killed one"
+                " with `lfpipe cleanup`",
+            ) from None
+        self._parts.callback(_remove, made)
+
+    def write(
+        self,
+        views: ArrayLike,
+        disparity: ArrayLike | None = None,
+        t_ns: int | None = None,
+    ) -> None:
+        """Publishes a frame.
+
+        Parameters
+        ----------
+        views : array_like of uint8
+            (rows, cols, height, width, 3), BGR.
+        disparity : array_like of float, optional
+            (rows, cols, (height + 1) // 2, (width + 1) // 2), px per view, one value for each 2x2
+            pixels; positive is nearer than the screen. A point at (x, y) in view (r, c) appears at
+            (x - d * (c' - c), y - d * (r' - r)) in view (r', c'). Measured if None.
+        t_ns : int, optional
+            Time that the frame shows, CLOCK_MONOTONIC ns; now if None.
+
+        Raises
+        ------
+        UserError
+            For another shape or type, or disparity that is not finite.
+        """
+        picture = np.asarray(views)
+        if picture.shape != self._shape or picture.dtype != np.uint8:
+            raise UserError(
+                f"views: {picture.dtype} {picture.shape}", f"give uint8 of shape {self._shape}"
+            )
+        step_px, maps = self._steps(disparity)
+        record = self._writer.begin()
+        record["views"] = picture
+        record["step_px"] = step_px
+        if maps is not None:
+            record["maps"] = maps
+        self._count += 1
+        stamp_ns = now_ns() if t_ns is None else t_ns
+        self._writer.publish(self._count, stamp_ns, stamp_ns)
+
+    def _steps(self, disparity: ArrayLike | None) -> tuple[float, NDArray[np.int8] | None]:
+        if disparity is None:
+            return 0.0, None
+        rows, cols, height, width, _ = self._shape
+        wanted = rows, cols, (height + 1) // 2, (width + 1) // 2
+        maps = np.asarray(disparity, np.float32)
+        if maps.shape != wanted:
+            raise UserError(f"disparity of shape {maps.shape}", f"give {wanted}")
+        if not np.isfinite(maps).all():
+            raise UserError(
+                "disparity contains values that are no numbers", "give numbers, or None"
+            )
+        step_px = scale_for(float(maps.min()), float(maps.max()))
+        return step_px, quantised(maps, step_px)
+
+    def wanted(self) -> Viewpoints | None:
+        """The viewpoints of the next picture: `Viewpoints`, or None while no session shows the
+        scene.
+        """
+        if self._viewpoints.published:
+            self._viewpoints.read(self._at)
+            return Viewpoints(*(tuple(self._at[name].tolist()) for name in Viewpoints._fields))
+        return None
+
+    def close(self) -> None:
+        """Ends the scene; a session that shows it keeps the last picture."""
+        self._parts.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _check_range(what: str, value: object, most: int) -> None:
+    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= most:
+        raise UserError(f"{what} {value!r}: not a number from 1 to {most}", f"use 1 to {most}")
+
+
+def _remove(made: Segment) -> None:
+    with contextlib.suppress(FileNotFoundError):
+        made.unlink()
+    made.close()

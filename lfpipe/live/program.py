@@ -1,0 +1,63 @@
+"""The program that draws a live scene: its disparity, and the viewpoints that it may draw for."""
+
+import contextlib
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.errors import UserError
+from lfpipe.live.estimator import Found
+from lfpipe.live.records import View
+from lfpipe.live.shared_scene import attached, viewpoints_of
+from lfpipe.transport import ring
+from lfpipe.transport.clock import SECOND_NS, now_ns
+from lfpipe.transport.ring import Stamp
+
+RETRY_NS = SECOND_NS  # between two tries to find its ring again
+
+
+class Program:
+    """The rings of a live scene, whose program may end and start again."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._reader: ring.Reader | None = None
+        self._viewpoints: ring.Writer | None = None
+        self._tried_ns = 0
+        self._attach()
+
+    def _attach(self) -> None:
+        self.close()
+        self._tried_ns = now_ns()
+        with contextlib.suppress(UserError, FileNotFoundError):
+            self._reader, _, _ = attached(self._name)
+            self._viewpoints = ring.Writer(viewpoints_of(self._name))
+
+    def tell(self, at: NDArray[np.void]) -> None:
+        """Gives it the viewpoints of the next picture, of dtype VIEWPOINTS."""
+        if self._viewpoints is not None:
+            self._viewpoints.begin()[...] = at
+            self._viewpoints.publish(0, now_ns(), 0)
+
+    def found(self, stamp: Stamp, views: Iterable[View]) -> Found | None:
+        """Its disparity of views of a frame; None if it gives none."""
+        taken = self._reader.find(stamp.t_sensor_ns) if self._reader is not None else None
+        if taken is None:
+            if now_ns() - self._tried_ns > RETRY_NS:
+                self._attach()
+            return None
+        slot, record = taken
+        step_px = float(record["step_px"])
+        if not step_px > 0:
+            return None
+        maps = {view: np.array(record["maps"][view]) for view in views}
+        assert self._reader is not None
+        return Found.of(maps, step_px) if self._reader.still_valid(slot) else None
+
+    def close(self) -> None:
+        """Closes the rings."""
+        for part in (self._reader, self._viewpoints):
+            if part is not None:
+                part.close()
+        self._reader = self._viewpoints = None

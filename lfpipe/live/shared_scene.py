@@ -1,0 +1,82 @@
+"""The ring by which another program delivers a live light field, see docs/contracts.md: views and,
+if the program knows it, their disparity; and a ring with the viewpoints of the next picture, by
+which it may draw.
+"""
+
+import os
+import re
+
+import numpy as np
+
+from lfpipe.errors import UserError
+from lfpipe.host import segment
+from lfpipe.live.records import VIEWPOINTS
+from lfpipe.transport import ring
+from lfpipe.transport.ring import RingSpec
+
+RING = "ring:"  # prefix of its source
+SLOTS = 4
+MAX_SIDE_PX, MAX_SIDE_VIEWS = 8192, 64
+
+
+def segment_of(name: str) -> str:
+    """The name of the scene's segment."""
+    return f"{segment.PREFIX}live-{os.getuid()}-{name}"
+
+
+def viewpoints_of(name: str) -> str:
+    """The name of the segment with the viewpoints."""
+    return segment_of(name) + ".viewpoints"
+
+
+def check_name(name: str) -> None:
+    """Raises UserError for a name that is none."""
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_]{0,31}", name):
+        raise UserError(
+            f"live scene {name!r}: not a valid name",
+            "use 1 to 32 letters, digits and _, beginning with a letter or digit",
+        )
+
+
+def scene_dtype(rows: int, cols: int, size_px: tuple[int, int]) -> np.dtype[np.void]:
+    """A record of the ring. size_px: (width, height) of a view.
+
+    step_px: of the disparity maps, which are as in `LightField.disparity`; 0 without them.
+    """
+    width, height = size_px
+    return np.dtype(
+        [
+            ("views", "u1", (rows, cols, height, width, 3)),
+            ("step_px", "<f8"),
+            ("maps", "i1", (rows, cols, (height + 1) // 2, (width + 1) // 2)),
+        ]
+    )
+
+
+VIEWPOINTS_RING = RingSpec((), VIEWPOINTS, 4)
+
+
+def attached(name: str) -> tuple[ring.Reader, tuple[int, int], tuple[int, int]]:
+    """The ring of a live scene, its (rows, columns), and (width, height) of its views.
+
+    Raises UserError if no program writes it.
+    """
+    check_name(name)
+    remedy = "start the program that draws it"
+    try:
+        reader = ring.Reader(segment_of(name))
+    except FileNotFoundError:
+        raise UserError(f"ring:{name}: no such live scene", remedy) from None
+    shape = dict((reader.dtype.fields or {}).items()).get("views", (np.dtype("u1"),))[0].shape
+    if len(shape) == 5 and reader.dtype == scene_dtype(shape[0], shape[1], (shape[3], shape[2])):
+        return reader, shape[:2], (shape[3], shape[2])
+    reader.close()
+    raise UserError(
+        f"ring:{name}: its records are not those of this version",
+        "use the same version of lfpipe in both programs",
+    )
+
+
+def has_writer(name: str) -> bool:
+    """Whether the program that created the ring lives."""
+    return segment_of(name) not in dict(segment.abandoned(segment_of(name)))

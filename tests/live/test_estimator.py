@@ -1,0 +1,128 @@
+"""Disparity of live views: against the exact one, over time, and for cameras that are turned."""
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lfpipe.live.alignment import Alignment, aligned
+from lfpipe.live.estimator import Estimator, Found
+from lfpipe.live.records import MAX_VIEWS, cut, map_size, pairs_in_need, views_of
+from lfpipe.render.synthesis.viewpoint import view_weights
+from lfpipe.scene.lightfield import LightField
+from tests.live import made
+from tests.render import rendered
+
+PAIR = [((0, 0), (0, 1))]
+
+
+def exact_error_px(found: Found, view: tuple[int, int], field: LightField) -> float:
+    """Median difference to the exact disparity of a view."""
+    assert field.disparity is not None
+    exact = np.asarray(field.disparity[0][view]) * field.disparity_scale_px
+    return float(np.median(np.abs(found.maps[view] * found.step_px - exact)))
+
+
+@given(
+    row=st.floats(-0.4, 4.4),
+    cols=st.tuples(st.floats(-0.4, 5.4), st.floats(-0.4, 5.4)),
+)
+def test_pairs_in_need_hold_every_view_that_a_warp_uses(
+    row: float, cols: tuple[float, float]
+) -> None:
+    live = made.source(5, 6)
+    pairs = pairs_in_need(live, [(row, col) for col in cols])
+    views = views_of(pairs)
+    assert len(views) <= MAX_VIEWS
+    for col in cols:
+        used = view_weights("warp2", (row, col), 5, 6)
+        assert {(view.row, view.col) for view in used} <= set(views)
+
+
+def test_pairs_of_a_column_lie_below_one_another() -> None:
+    assert pairs_in_need(made.source(3, 1), [(1.2, 0.0)]) == [((1, 0), (2, 0))]
+
+
+@pytest.mark.parametrize("shape", [(1, 2), (2, 1), (3, 3)])
+def test_estimate_is_the_disparity_of_the_views(shape: tuple[int, int]) -> None:
+    field = rendered.field(*shape, 96, 128, scale=2.0)
+    live = made.source(*shape)
+    pairs = pairs_in_need(live, [((shape[0] - 1) / 2, (shape[1] - 1) / 2)])
+    estimator = Estimator(live, aligns=False)
+    frame = made.frame_of(field)
+    for coarse in (False, True):
+        found = estimator.estimate(frame, pairs, coarse)
+        assert set(found.maps) == set(views_of(pairs))
+        for view, disparity in found.maps.items():
+            assert disparity.shape == map_size(live)
+            assert exact_error_px(found, view, field) < 0.3
+    low, high = found.range_px
+    assert low == pytest.approx(field.disparity_min_px, abs=0.5)
+    assert high == pytest.approx(field.disparity_max_px, abs=0.5)
+
+
+def test_estimate_of_a_still_scene_flickers_less_than_the_camera() -> None:
+    field = rendered.field(1, 2, 96, 128, scale=2.0)
+    live = made.source()
+    frame = made.frame_of(field)
+    rng = np.random.default_rng(1)
+    estimator = Estimator(live, aligns=False)
+    maps = []
+    for _ in range(24):
+        noisy = np.clip(frame + rng.normal(0, 2, frame.shape), 0, 255).astype(np.uint8)
+        found = estimator.estimate(noisy, PAIR)
+        maps.append(found.maps[0, 0] * found.step_px)
+    still = np.median(np.std(maps[8:], axis=0))
+    assert still < 0.12, "px: below what two noisy pictures determine"
+
+
+def test_estimate_follows_an_object_at_once() -> None:
+    live = made.source()
+    near, far = (made.frame_of(rendered.field(1, 2, 96, 128, scale=scale)) for scale in (3.0, 1.0))
+    field = rendered.field(1, 2, 96, 128, scale=1.0)
+    estimator = Estimator(live, aligns=False)
+    for _ in range(3):
+        estimator.estimate(near, PAIR)
+    found = [estimator.estimate(far, PAIR) for _ in range(2)][-1]
+    assert exact_error_px(found, (0, 0), field) < 0.3
+
+
+@pytest.mark.parametrize(
+    ("turn_deg", "scale", "lower_px"), [(0.8, 1.0, 0.0), (-1.5, 1.01, 4.0), (0.0, 0.985, -6.0)]
+)
+def test_alignment_finds_how_the_right_camera_is_turned(
+    turn_deg: float, scale: float, lower_px: float
+) -> None:
+    field = rendered.field(1, 2, 240, 320, scale=1.0)
+    live = made.source(height_px=240, width_px=320)
+    frame = made.frame_of(field)
+    middle = (319 / 2, 239 / 2)
+    turned = cv2.getRotationMatrix2D(middle, -turn_deg, scale)
+    turned[1, 2] += lower_px
+    right = cut(frame, live, (0, 1))
+    right[:] = cv2.warpAffine(right.copy(), turned, (320, 240), borderMode=cv2.BORDER_REPLICATE)
+    estimator = Estimator(live, aligns=True)
+    for _ in range(40):
+        found = estimator.estimate(frame, PAIR)
+    assert estimator.alignment is not None
+    assert estimator.alignment.rotation_deg == pytest.approx(turn_deg, abs=0.15)
+    assert exact_error_px(found, (0, 0), field) < 0.5
+    straight = aligned(right, estimator.alignment.matrix)
+    inside = np.s_[40:-40, 40:-40]
+    error = np.abs(straight[inside].astype(int) - made.frame_of(field)[:, 320:][inside])
+    assert np.median(error) < 12
+
+
+def test_alignment_of_cameras_in_a_row_changes_nothing() -> None:
+    field = rendered.field(1, 2, 240, 320, scale=2.0)
+    estimator = Estimator(made.source(height_px=240, width_px=320), aligns=True)
+    for _ in range(20):
+        estimator.estimate(made.frame_of(field), PAIR)
+    assert estimator.alignment is not None
+    corners = np.array([[0, 0, 1], [319, 0, 1], [0, 239, 1], [319, 239, 1]], float)
+    moved = corners @ estimator.alignment.matrix.T - corners[:, :2]
+    assert np.abs(moved).max() < 0.75, "px"
+    empty = Alignment(64, 48)
+    empty.add(np.zeros((24, 32), np.uint8), np.zeros((24, 32, 2), np.float32))
+    np.testing.assert_array_equal(empty.matrix, np.eye(2, 3, dtype=np.float32))

@@ -1,0 +1,120 @@
+"""A program that draws a live scene, its ring, and the names of live scenes."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lfpipe
+from lfpipe.capture.frame_source import Frame
+from lfpipe.capture.live_source import check_live, is_live, same_device
+from lfpipe.capture.ring_source import RingSource
+from lfpipe.config import Config
+from lfpipe.errors import UserError
+from lfpipe.live.program import Program
+from lfpipe.live.records import VIEWPOINTS, cut
+from lfpipe.transport.ring import Stamp
+from tests.support.films import write_film
+
+SHAPE = (2, 3, 48, 64, 3)
+NAME = f"test_{os.getpid()}"
+
+
+def stamp_of(frame: Frame) -> Stamp:
+    return Stamp(1, frame.source_seq, 0, frame.t_sensor_ns, frame.t_read_ns, 0, 0)
+
+
+def test_live_scene_reaches_a_session_with_its_disparity_and_learns_its_viewpoints() -> None:
+    views = np.random.default_rng(1).integers(0, 256, SHAPE, np.uint8)
+    disparity = np.full((2, 3, 24, 32), 1.5)
+    with lfpipe.LiveScene(NAME, rows=2, cols=3, size_px=(64, 48)) as scene:
+        live = check_live(f"live:ring:{NAME}", Config())
+        assert (live.rows, live.cols, live.width_px, live.height_px) == (2, 3, 64, 48)
+        source, program = RingSource(NAME), Program(NAME)
+        scene.write(views, disparity, t_ns=123)
+        out = np.empty((96, 192, 3), np.uint8)
+        frame = source.read(out)
+        assert frame is not None and frame.t_sensor_ns == 123
+        for row, col in np.ndindex(2, 3):
+            np.testing.assert_array_equal(cut(out, live, (row, col)), views[row, col])
+        found = program.found(stamp_of(frame), [(1, 2)])
+        assert found is not None
+        np.testing.assert_allclose(found.maps[1, 2] * found.step_px, 1.5, atol=0.05)
+        scene.write(views)
+        frame = source.read(out)
+        assert frame is not None and program.found(stamp_of(frame), [(1, 2)]) is None
+        assert scene.wanted() is None
+        at = np.zeros((), VIEWPOINTS)
+        at["left"], at["right_mm"] = (0.5, 1.25), (30.0, -4.0, 600.0)
+        program.tell(at)
+        wanted = scene.wanted()
+        assert wanted is not None
+        assert wanted.left == (0.5, 1.25) and wanted.right_mm == (30.0, -4.0, 600.0)
+        source.close()
+        program.close()
+    with pytest.raises(UserError, match="no such live scene"):
+        RingSource(NAME)
+
+
+def test_live_scene_names_a_value_and_its_remedy() -> None:
+    with lfpipe.LiveScene(NAME, rows=1, cols=2, size_px=(64, 48)) as scene:
+        views = np.zeros((1, 2, 48, 64, 3), np.uint8)
+        for wrong, disparity, named in (
+            (views[:, :1], None, r"\(1, 1, 48"),
+            (views.astype(float), None, "float64"),
+            (views, np.zeros((1, 2, 48, 64)), r"\(1, 2, 48, 64\)"),
+            (views, np.full((1, 2, 24, 32), np.nan), "no numbers"),
+        ):
+            with pytest.raises(UserError, match=named):
+                scene.write(wrong, disparity)
+        with pytest.raises(UserError, match="in use"):
+            lfpipe.LiveScene(NAME, rows=1, cols=2, size_px=(64, 48))
+    for name, rows, cols, size_px in (
+        ("a/b", 1, 2, (64, 48)),
+        ("a", 0, 2, (64, 48)),
+        ("a", 1, 1, (64, 48)),
+        ("a", 1, 2, (64, 1 << 20)),
+    ):
+        with pytest.raises(UserError):
+            lfpipe.LiveScene(name, rows=rows, cols=cols, size_px=size_px)
+    assert not [path for path in Path("/dev/shm").iterdir() if NAME in path.name]
+
+
+@pytest.mark.parametrize(
+    ("size_px", "query", "wanted"),
+    [
+        ((320, 120), "", (1, 2, 160, 120)),
+        ((160, 120), "?layout=side-by-side", (1, 2, 80, 120)),
+        ((160, 120), "?layout=over-under", (1, 2, 160, 60)),
+        ((192, 144), "?grid=3x3", (3, 3, 64, 48)),
+        ((192, 144), "?layout=mosaic&grid=3x2", (3, 2, 96, 48)),
+        ((160, 120), "", "layout=side-by-side"),
+        ((160, 120), "?layout=sideways", "layout=sideways"),
+        ((160, 120), "?grid=3x", "grid=3x"),
+        ((160, 120), "?grid=7x7", "not divided"),
+        ((160, 120), "?grid=8x8", "too small"),
+    ],
+)
+def test_check_live_reads_the_layout_or_names_it(
+    tmp_path: Path,
+    size_px: tuple[int, int],
+    query: str,
+    wanted: tuple[int, ...] | str,
+) -> None:
+    grey = np.full((size_px[1], size_px[0], 3), 90, np.uint8)
+    path = write_film(tmp_path / "views.avi", [grey] * 3)
+    text = f"live:file:{path}{query}"
+    assert is_live(Path(text)) and not is_live(path)
+    if isinstance(wanted, str):
+        with pytest.raises(UserError) as refused:
+            check_live(text, Config())
+        assert wanted in f"{refused.value.message} {refused.value.remedy}"
+    else:
+        live = check_live(text, Config())
+        assert (live.rows, live.cols, live.width_px, live.height_px) == wanted
+
+
+def test_one_camera_cannot_be_both() -> None:
+    assert same_device("camera:2", "camera:/dev/video2")
+    assert not same_device("camera:2", "camera:3") and not same_device("demo", "demo")
