@@ -36,6 +36,7 @@ RENDER = (
     "viewer",
     "metrics",
     "choice",
+    "live_input",
     "presentation",
     "presenter",
     "listeners",

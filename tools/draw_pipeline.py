@@ -22,12 +22,15 @@ WORK = {
     "track": "face engine, filter",
     "render": "synthesis, anaglyph",
     "record": "frames to disk",
+    "views": "camera, program",
+    "disparity": "of the views in need",
     "share": "OSC, LSL, opentrack",
 }
 STEP = 152  # between the middles of neighbouring columns
 STAGE_PX, RING_PX = (128, 54), (108, 46)
 LEFT = 110  # middle of the first column
-SUPERVISOR, MIDDLE, DEMAND, BELOW, HEIGHT = 118, 246, 342, 452, 528  # rows; the figure
+SUPERVISOR, MIDDLE, DEMAND, BELOW, LIVE, HEIGHT = 118, 246, 342, 452, 552, 632  # rows; the figure
+LIVE_STAGES = ("views", "disparity")  # of a live light field, in a row of their own
 # rings with a random name, which exist while they are used: name -> writer
 LEASED = {"packets": SOURCE, "pictures": SHOWN_BY}
 
@@ -166,6 +169,7 @@ def large() -> str:
     ]
     parts += _on_demand(by_name, table.right + 20, monitors)
     parts += _optional(by_name, supervisor)
+    parts += _live(by_name)
     legend = (
         (CORE, "process"),
         (EXTRA, "process of an extra"),
@@ -215,9 +219,29 @@ def _on_demand(by_name: dict[str, Box], margin: float, monitors: Box) -> list[st
     return parts
 
 
+def _live(by_name: dict[str, Box]) -> list[str]:
+    """The stages and rings of a live light field, and their way to render."""
+    by_stage = {stage.name: stage for stage in stages()}
+    row: list[Box] = []
+    for name in LIVE_STAGES:
+        stage = by_stage[name]
+        row.append(_stage(stage, LEFT + STEP * len(row), LIVE))
+        row.append(_ring((*stage.writes, "live scenes"), LEFT + STEP * len(row), LIVE, dashed=True))
+    last, render = row[-1], by_name[SHOWN_BY]
+    x = render.right + 12
+    way = [(last.right, last.y), (x, last.y), (x, render.y + 14), (render.right, render.y + 14)]
+    return [
+        *(box.svg() for box in row),
+        *_row(row),
+        line(way, width=2.5),
+        text((last.right + 12, last.y - 8), "views, disparity", anchor="start"),
+        text((row[2].x, row[2].bottom + 16), "reads the viewpoints that render writes"),
+    ]
+
+
 def _optional(by_name: dict[str, Box], supervisor: Box) -> list[str]:
     """The optional stages, below the rings that they read, with their inputs and control."""
-    optional = [stage for stage in stages() if stage.optional]
+    optional = [stage for stage in stages() if stage.optional and stage.name not in LIVE_STAGES]
     reads = {
         stage.name: [*stage.reads, *(["packets"] if "frames" in stage.reads else [])]
         for stage in optional

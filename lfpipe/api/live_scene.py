@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.host.segment import Segment
+from lfpipe.host.segment import Segment, abandoned, unlink
 from lfpipe.live.records import VIEWPOINTS
 from lfpipe.live.shared_scene import (
     MAX_SIDE_PX,
@@ -74,6 +74,8 @@ class LiveScene:
         self.name = name
         self._shape = rows, cols, size_px[1], size_px[0], 3
         self._parts = contextlib.ExitStack()
+        for left, _ in abandoned(segment_of(name)):  # by a program that was killed
+            unlink(left)
         try:
             spec = RingSpec((), scene_dtype(rows, cols, size_px), SLOTS)
             self._make(segment_of(name), spec)
@@ -94,8 +96,7 @@ class LiveScene:
         except FileExistsError:
             raise UserError(
                 f"live scene {self.name!r} is in use",
-                "end the other program, use another name, or remove what is left of a killed one"
-                " with `lfpipe cleanup`",
+                "end the other program, or use another name",
             ) from None
         self._parts.callback(_remove, made)
 

@@ -112,9 +112,9 @@ def _grid(
         reader.close()
         return grid, grid[1]
     given = _pair(own, "grid", "x")
-    layout = own.get("layout")
-    if layout is None:
-        layout = "mosaic" if given else "side-by-side" if frame_px[0] >= WIDE * frame_px[1] else ""
+    layout = own.get("layout", "mosaic" if given else "")
+    if not layout and frame_px[0] >= WIDE * frame_px[1]:
+        layout = "side-by-side"
     if layout == "mosaic" and given is not None and given != (1, 1):
         return given, given[1]
     if layout in LAYOUTS and given in (None, (1, 2)):

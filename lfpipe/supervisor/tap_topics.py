@@ -17,11 +17,20 @@ class Topic:
 
 
 SUPERVISOR = ("supervisor",)
+CAPTURES = ("capture", "views")
 TOPICS = (
-    Topic("source", ("capture",), ("name", "rate_hz", "live", "notes"), "a source was opened"),
-    Topic("camera", ("capture",), ("name", "lost", "why", "away_s"), "a camera is lost or back"),
+    Topic(
+        "source", ("capture", "views"), ("name", "rate_hz", "live", "notes"), "a source was opened"
+    ),
+    Topic(
+        "camera",
+        ("capture", "views"),
+        ("name", "lost", "why", "away_s"),
+        "a camera is lost or back",
+    ),
     Topic("engine", ("track",), ("name", "model"), "a face engine was opened"),
     Topic("face", ("track",), ("found", "source_seq"), "a face was found or lost"),
+    Topic("alignment", ("disparity",), ("rotation_deg",), "of the right one of two live cameras"),
     Topic("viewer", ("render",), ("state",), "the viewer's presence has changed"),
     Topic("parallax", ("render",), ("text",), "the parallax has changed"),
     Topic(

@@ -82,10 +82,14 @@ def test_docs_links_and_files_exist() -> None:
             )
 
 
-def test_docs_have_at_most_20000_words() -> None:
-    """As `cat README.md docs/*.md | wc -w` counts them, the generated ones included."""
+WRITTEN_BY_HAND = 16_700  # words: as `wc -w` counts them
+GENERATED = ("commands.md", "configuration.md")
+
+
+def test_docs_stay_short() -> None:
     pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
-    assert sum(len(page.read_text().split()) for page in pages) <= 20_000
+    words = {page.name: len(page.read_text().split()) for page in pages}
+    assert sum(words[name] for name in words if name not in GENERATED) <= WRITTEN_BY_HAND
 
 
 def test_docs_name_one_address_and_one_date_of_the_release() -> None:

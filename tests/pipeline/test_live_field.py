@@ -1,0 +1,87 @@
+"""Sessions that show a light field while it is captured: from a clip, and from a program."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.live import made
+from tests.render import rendered
+from tests.support.films import write_film
+from tests.support.world import World
+
+NEW_STAGES = ("views", "disparity")
+PROGRAM = """
+import sys, time
+import numpy as np, lfpipe
+name, disparity = sys.argv[1], sys.argv[2:] == ["disparity"]
+views = np.random.default_rng(1).integers(0, 256, (1, 2, 96, 128, 3), np.uint8)
+maps = np.zeros((1, 2, 48, 64)) if disparity else None
+with lfpipe.LiveScene(name, rows=1, cols=2, size_px=(128, 96)) as scene:
+    print("ready", flush=True)
+    while True:
+        scene.write(views, maps)
+        time.sleep(1 / 30)
+"""
+
+
+@pytest.fixture
+def views(tmp_path: Path) -> Path:
+    """A clip of a still scene, two views side by side."""
+    frame = made.frame_of(rendered.field(1, 2, 240, 320, scale=2.0))
+    return write_film(tmp_path / "views.avi", [frame] * 30)
+
+
+@pytest.mark.everyday
+def test_session_shows_views_and_their_disparity(world: World, views: Path) -> None:
+    world.shows(Path(f"live:file:{views}"), pictures=60)
+    lines = world.more_pictures(60)
+    assert {line["method"] for line in lines} == {"warp2"}
+    own = [line["own_disparity"] for line in lines if "own_disparity" in line]
+    assert np.mean(own) > 0.5 and all(line["t_views_ns"] < line["t_presented_ns"] for line in lines)
+    state = world.monitor()
+    assert {*NEW_STAGES, "render"} <= set(state["stages"])
+    assert state["stages"]["render"]["metrics"]["own_disparity"] > 30
+
+
+@pytest.mark.live
+@pytest.mark.parametrize("stage", NEW_STAGES)
+def test_session_survives_the_death_of_a_stage(world: World, views: Path, stage: str) -> None:
+    world.shows(Path(f"live:file:{views}"), pictures=30)
+    world.kill(stage)
+    world.more_pictures(60)
+    world.wait_for(lambda: world.monitor()["stages"][stage]["restarts"] == 1, "a restart")
+    before = world.monitor()["stages"]["render"]["metrics"]["own_disparity"]
+    world.wait_for(
+        lambda: world.monitor()["stages"]["render"]["metrics"]["own_disparity"] > before + 20,
+        "pictures with their own disparity",
+    )
+
+
+@pytest.mark.live
+@pytest.mark.parametrize("disparity", ["", "disparity"])
+def test_session_keeps_the_last_picture_of_a_program_and_finds_it_again(
+    world: World, disparity: str
+) -> None:
+    name = world.name
+    command = [sys.executable, "-c", PROGRAM, name, *filter(None, [disparity])]
+
+    def started() -> "subprocess.Popen[str]":
+        program = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=world.env)
+        assert program.stdout is not None and program.stdout.readline() == "ready\n"
+        return program
+
+    program = started()
+    world.shows(Path(f"live:ring:{name}"), pictures=30)
+    program.kill()
+    program.wait()
+    world.more_pictures(60)  # the viewer still moves in front of the last frame
+    world.wait_for(lambda: world.monitor()["stages"]["views"]["state"] == "READY", "the loss")
+    program = started()
+    before = world.monitor()["stages"]["views"]["count"]
+    world.wait_for(lambda: world.monitor()["stages"]["views"]["count"] > before + 20, "its return")
+    program.terminate()
+    program.wait()
+    world.ctl("stop")
