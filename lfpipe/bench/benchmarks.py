@@ -99,6 +99,23 @@ _ALL = (
         choice=Choice("render.method", 8.0, "half a refresh at 60 Hz", 0.5),
     ),
     Benchmark(
+        name="live",
+        title="Live light fields",
+        question="How well does each estimator of disparity draw a moving scene between two live"
+        " views, at what CPU time per frame? A ball crosses, one approaches, one passes in front."
+        " Every picture is compared with the exact one.",
+        columns=(
+            Column("rmse", "error of each eye's picture, RMSE", "levels"),
+            Column("psnr_db", "PSNR", "dB"),
+            Column("step", "largest step beyond that of the scene", "levels"),
+            Column("flicker", "flicker of a still scene / that of the camera"),
+            Column("cpu_ms", "thread CPU per frame: disparity, and both eyes drawn", "ms"),
+        ),
+        charts=(("cpu_ms", "rmse"), ("cpu_ms", "step")),
+        paper="nearest view",
+        rounds=(2, 5),
+    ),
+    Benchmark(
         name="pipeline",
         title="The whole pipeline",
         question="How far is the viewpoint on screen from the eyes at that time, how old is its"

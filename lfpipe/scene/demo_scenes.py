@@ -7,6 +7,7 @@ nearer objects appear lower, as for a camera that looks down slightly.
 
 from functools import cache
 
+import attrs
 import numpy as np
 
 from lfpipe.scene import demo_textures as textures
@@ -30,6 +31,39 @@ def solids_of(name: str) -> list[Solid]:
     rng = np.random.default_rng(9)
     objects = {"marbles": _marbles, "meadow": _meadow}.get(name, _still_life)
     return [*_room(rng), *objects(rng)]
+
+
+def moving_solids(t_s: float) -> list[Solid]:
+    """The solids of a moving scene at a time, back to front: a ball crosses, one approaches, and a
+    small one passes in front of both.
+    """
+    room, far, crossing, small = _moving_parts()
+    turn = 2 * np.pi * t_s
+    placed = (
+        _placed(far, 150.0, -1.2 + 1.4 * (1 - float(np.cos(turn / 4)))),
+        _placed(crossing, 256.0 + 150.0 * float(np.sin(turn / 4)), 0.3),
+        _placed(small, 256.0 - 170.0 * float(np.sin(turn / 3)), 1.9),
+    )
+    return [*room, *sorted(placed, key=lambda ball: ball.d)]
+
+
+@cache
+def _moving_parts() -> tuple[list[Solid], Ball, Ball, Ball]:
+    """The room, and balls that move."""
+    rng = np.random.default_rng(9)
+    room = _room(rng)
+    kinds = ((textures.red, 46), (textures.planet, 56), (textures.marble, 26))
+    far, crossing, small = (
+        ball
+        for texture, radius in kinds
+        for ball in _ball(texture, rng, 0.0, 0.0, radius)
+        if isinstance(ball, Ball)
+    )
+    return room, far, crossing, small
+
+
+def _placed(ball: Ball, x: float, d: float) -> Ball:
+    return attrs.evolve(ball, x=x, y=_table_y(d) - 0.9 * ball.radius, d=d)
 
 
 def _table_y(d: float) -> float:

@@ -1,0 +1,205 @@
+"""Benchmark: live light fields. A moving scene is drawn exactly; each estimator sees two of its
+views, frame by frame, and draws those of both eyes.
+"""
+
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache, partial
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.bench.inputs import Inputs
+from lfpipe.bench.results import Value, mean_of
+from lfpipe.bench.runner import Offer, Prepared, Variant, cpu_ms
+from lfpipe.bench.synthesis import scaled_up
+from lfpipe.config import LiveSource
+from lfpipe.live.estimator import Estimator
+from lfpipe.live.field import LiveViews
+from lfpipe.live.records import Pair, disparity_dtype
+from lfpipe.render.synthesis.compositor import ViewRenderer
+from lfpipe.render.synthesis.scoring import psnr_db
+from lfpipe.scene.demo import SIZE_PX
+from lfpipe.scene.demo_drawing import draw_view
+from lfpipe.scene.demo_scenes import moving_solids
+from lfpipe.scene.disparity import estimate_disparity, quantised, scale_for
+
+RATE_HZ = 30.0
+FRAMES = (12, 60)  # quick and full
+SETTLED = 4  # frames after which an estimator has followed a still scene
+VIEWS = (-1.0, 1.0)  # columns of the two views, of the demo's grid
+EYES = (0.3, 0.75)  # columns of the eyes, from the left view to the right one
+NOISE_LEVELS = 2.0  # of the camera, for flicker
+PAIR: list[Pair] = [((0, 0), (0, 1))]
+SIZES = (1.0, 0.7, 0.5)
+
+Frame = NDArray[np.uint8]
+Record = Callable[[Frame, int], NDArray[np.void]]  # disparity of a frame; its number
+
+
+def measure(inputs: Inputs) -> Iterator[Offer]:
+    """Every estimator and size of views."""
+    count = FRAMES[0 if inputs.quick else 1]
+    for (name, method), size in itertools.product(ESTIMATORS, SIZES):
+        width = round(SIZE_PX * size)
+        yield Variant(
+            curve=name,
+            parameter=f"views of {width} px",
+            prepare=partial(_prepare, name, method, width, count),
+            paper=method == "nearest" and size == 1,
+            used=name == "fine flow" and size == 1,
+        )
+
+
+@cache
+def _view(number: int, u: float) -> Frame:
+    """The exact view at a column of a frame, uint8 (height, width, 3) BGR."""
+    return np.ascontiguousarray(draw_view(moving_solids(number / RATE_HZ), u, 0.0)[0][..., ::-1])
+
+
+def _exact(number: int, eye: float) -> NDArray[np.float32]:
+    return _view(number, VIEWS[0] + eye * (VIEWS[1] - VIEWS[0])).astype(np.float32)
+
+
+@cache
+def _frame(number: int, width: int) -> Frame:
+    """Both views side by side, each of that width."""
+    sides = width, width
+    views = (cv2.resize(_view(number, u), sides, interpolation=cv2.INTER_AREA) for u in VIEWS)
+    return np.hstack(list(views))
+
+
+class _Drawing:
+    """What a session does with frames: disparity, and the views of both eyes."""
+
+    def __init__(self, name: str, method: str, width: int) -> None:
+        self._live = LiveSource(
+            source="demo", rows=1, cols=2, tiles_across=2, frame_px=(2 * width, width)
+        )
+        self._views = LiveViews(self._live, name)
+        self._record = _recorders(self._live)[name]
+        self._method = method
+
+    def draw(self, frame: Frame, number: int) -> list[NDArray[np.float32]]:
+        """The pictures of both eyes, float32 (height, width, 3) BGR, as large as the demo."""
+        t_ns = round(number * 1e9 / RATE_HZ)
+        views = [view for pair in PAIR for view in pair]
+        field = self._views.show(frame, views, self._record(frame, number), t_ns)
+        renderer = ViewRenderer(field, self._method)
+        return [
+            np.moveaxis(
+                scaled_up(
+                    np.moveaxis(renderer.render(0, eye), -1, 0).astype(np.float32),
+                    (SIZE_PX, SIZE_PX),
+                ),
+                0,
+                -1,
+            )
+            for eye in EYES
+        ]
+
+
+def _recorders(live: LiveSource) -> dict[str, Record]:
+    estimator = Estimator(live, aligns=False)
+
+    def none(_frame: Frame, _number: int) -> NDArray[np.void]:
+        record = np.zeros((), disparity_dtype(live))
+        record["align"] = np.eye(2, 3)
+        return record
+
+    def flow(frame: Frame, number: int, coarse: bool) -> NDArray[np.void]:
+        record = none(frame, number)
+        found = estimator.estimate(frame, PAIR, coarse)
+        record["scale_px"] = found.step_px
+        record["low_px"], record["high_px"] = found.range_px
+        for k, (view, disparity) in enumerate(found.maps.items()):
+            record["views"][k], record["maps"][k] = view, disparity
+        record["count"] = len(found.maps)
+        return record
+
+    def packer(frame: Frame, number: int) -> NDArray[np.void]:
+        record = none(frame, number)
+        views = np.stack(np.hsplit(frame[..., ::-1], 2)).transpose(0, 3, 1, 2)[None]
+        maps = estimate_disparity(np.ascontiguousarray(views))
+        assert maps is not None
+        low, high = float(np.nanmin(maps)), float(np.nanmax(maps))
+        record["scale_px"] = scale_for(low, high)
+        record["low_px"], record["high_px"] = low, high
+        for k in (0, 1):
+            record["views"][k] = 0, k
+            record["maps"][k] = quantised(maps[0, k], float(record["scale_px"]))
+        record["count"] = 2
+        return record
+
+    return {
+        "nearest view": none,
+        "cross-fade": none,
+        "coarse flow": partial(flow, coarse=True),
+        "fine flow": partial(flow, coarse=False),
+        "the packer": packer,
+    }
+
+
+ESTIMATORS = (
+    ("nearest view", "nearest"),
+    ("cross-fade", "blend"),
+    ("coarse flow", "warp2"),
+    ("fine flow", "warp2"),
+    ("the packer", "warp2"),
+)
+
+
+def _prepare(name: str, method: str, width: int, count: int) -> Prepared:
+    drawing = _Drawing(name, method, width)
+    squares: list[float] = []
+    beyond = 0.0
+    last: list[tuple[NDArray[np.float32], NDArray[np.float32]]] = []
+    for number in range(count):
+        drawn = drawing.draw(_frame(number, width), number)
+        exact = [_exact(number, eye) for eye in EYES]
+        now = list(zip(drawn, exact, strict=True))
+        squares += [float(np.mean((a - b) ** 2)) for a, b in now]
+        for (a, b), (a_last, b_last) in zip(now, last, strict=False):
+            beyond = max(beyond, _rms(a - a_last) - _rms(b - b_last))
+        last = now
+    metrics = {
+        "rmse": mean_of(np.sqrt(squares).tolist(), power=2),
+        "psnr_db": mean_of([psnr_db(square) for square in squares]),
+        "step": Value(beyond),
+        "flicker": Value(_flicker(name, method, width)),
+    }
+    timed = _Drawing(name, method, width)
+    numbers = itertools.cycle(range(count))
+    return metrics, lambda: {"cpu_ms": cpu_ms(partial(_draw_next, timed, numbers, width), count)}
+
+
+def _draw_next(drawing: _Drawing, numbers: Iterator[int], width: int) -> None:
+    number = next(numbers)
+    drawing.draw(_frame(number, width), number)
+
+
+def _flicker(name: str, method: str, width: int) -> float:
+    """Variation over time of pictures of a still scene, by that of the camera's pictures."""
+    rng = np.random.default_rng(1)
+    drawing = _Drawing(name, method, width)
+    still = _frame(0, width)
+    drawn: list[NDArray[np.float32]] = []
+    taken: list[NDArray[np.float32]] = []
+    for number in range(SETTLED + 8):
+        noise = rng.normal(0, NOISE_LEVELS, still.shape)
+        frame = np.clip(still + noise, 0, 255).astype(np.uint8)
+        pictures = drawing.draw(frame, number)
+        if number >= SETTLED:
+            drawn.append(pictures[0])
+            view = np.moveaxis(frame[:, :width], -1, 0).astype(np.float32)
+            taken.append(np.moveaxis(scaled_up(view, (SIZE_PX, SIZE_PX)), 0, -1))
+    return _variation(drawn) / _variation(taken)
+
+
+def _variation(pictures: Sequence[NDArray[np.float32]]) -> float:
+    return float(np.std(np.stack(pictures), axis=0).mean())
+
+
+def _rms(difference: NDArray[np.float32]) -> float:
+    return float(np.sqrt(np.mean(difference**2)))
