@@ -1,6 +1,7 @@
 """A live scene that a program draws."""
 
 import contextlib
+import math
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -104,18 +105,24 @@ class LiveScene:
         self,
         views: ArrayLike,
         disparity: ArrayLike | None = None,
+        positions: ArrayLike | None = None,
         t_ns: int | None = None,
     ) -> None:
-        """Publishes a frame.
+        """Publishes a frame: all views of the grid, or one for each eye.
 
         Parameters
         ----------
         views : array_like of uint8
-            (rows, cols, height, width, 3), BGR.
+            (rows, cols, height, width, 3), BGR; with positions, (2, height, width, 3).
         disparity : array_like of float, optional
             (rows, cols, (height + 1) // 2, (width + 1) // 2), px per view, one value for each 2x2
             pixels; positive is nearer than the screen. A point at (x, y) in view (r, c) appears at
-            (x - d * (c' - c), y - d * (r' - r)) in view (r', c'). Measured if None.
+            (x - d * (c' - c), y - d * (r' - r)) in view (r', c'). Measured if None. With positions,
+            it is needed, and has the first axis of views.
+        positions : array_like of float, optional
+            (2, 2): (row, col) of the grid from which the views of the left and of the right eye
+            were drawn, usually those of `wanted`. Each view is moved by what the eye has moved
+            since.
         t_ns : int, optional
             Time that the frame shows, CLOCK_MONOTONIC ns; now if None.
 
@@ -124,26 +131,43 @@ class LiveScene:
         UserError
             For another shape or type, or disparity that is not finite.
         """
+        rows, cols, height, width, _ = self._shape
+        grid = (rows, cols) if positions is None else (2,)
         picture = np.asarray(views)
-        if picture.shape != self._shape or picture.dtype != np.uint8:
+        if picture.shape != (*grid, height, width, 3) or picture.dtype != np.uint8:
             raise UserError(
-                f"views: {picture.dtype} {picture.shape}", f"give uint8 of shape {self._shape}"
+                f"views: {picture.dtype} {picture.shape}",
+                f"give uint8 of shape {(*grid, height, width, 3)}",
             )
-        step_px, maps = self._steps(disparity)
+        step_px, maps = self._steps(disparity, grid)
+        drawn = np.full((2, 2), np.nan) if positions is None else np.asarray(positions, float)
+        if drawn.shape != (2, 2) or (positions is not None and not np.isfinite(drawn).all()):
+            raise UserError(
+                f"positions {positions!r}: not (row, col) of both eyes",
+                "give those of scene.wanted()",
+            )
+        if positions is not None and maps is None:
+            raise UserError("positions without disparity", "give the disparity of both views")
+        count = math.prod(grid)
         record = self._writer.begin()
-        record["views"] = picture
+        record["views"].reshape(-1, height, width, 3)[:count] = picture.reshape(
+            -1, height, width, 3
+        )
         record["step_px"] = step_px
+        record["positions"] = drawn
         if maps is not None:
-            record["maps"] = maps
+            size = maps.shape[-2:]
+            record["maps"].reshape(-1, *size)[:count] = maps.reshape(-1, *size)
         self._count += 1
         stamp_ns = now_ns() if t_ns is None else t_ns
         self._writer.publish(self._count, stamp_ns, stamp_ns)
 
-    def _steps(self, disparity: ArrayLike | None) -> tuple[float, NDArray[np.int8] | None]:
+    def _steps(
+        self, disparity: ArrayLike | None, grid: tuple[int, ...]
+    ) -> tuple[float, NDArray[np.int8] | None]:
         if disparity is None:
             return 0.0, None
-        rows, cols, height, width, _ = self._shape
-        wanted = rows, cols, (height + 1) // 2, (width + 1) // 2
+        wanted = (*grid, (self._shape[2] + 1) // 2, (self._shape[3] + 1) // 2)
         maps = np.asarray(disparity, np.float32)
         if maps.shape != wanted:
             raise UserError(f"disparity of shape {maps.shape}", f"give {wanted}")

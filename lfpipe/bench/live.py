@@ -1,5 +1,6 @@
 """Benchmark: live light fields. A moving scene is drawn exactly; each estimator sees two of its
-views, frame by frame, and draws those of both eyes.
+views, frame by frame, and draws those of both eyes. A program that draws a scene knows its
+disparity, and may draw the views of both eyes alone, for where they are predicted to be.
 """
 
 import itertools
@@ -32,6 +33,8 @@ VIEWS = (-1.0, 1.0)  # columns of the two views, of the demo's grid
 EYES = (0.3, 0.75)  # columns of the eyes, from the left view to the right one
 NOISE_LEVELS = 2.0  # of the camera, for flicker
 PAIR: list[Pair] = [((0, 0), (0, 1))]
+MOVED_VIEWS = 0.1  # of the eyes since a program drew their views: 30 cm/s for 50 ms
+PROGRAM_GRID, PROGRAM_EYES = "a program's views and disparity", "a program's views of both eyes"
 SIZES = (1.0, 0.7, 0.5)
 
 Frame = NDArray[np.uint8]
@@ -58,15 +61,34 @@ def _view(number: int, u: float) -> Frame:
     return np.ascontiguousarray(draw_view(moving_solids(number / RATE_HZ), u, 0.0)[0][..., ::-1])
 
 
+@cache
+def _exact_map(number: int, u: float, width: int) -> NDArray[np.float32]:
+    """The exact disparity at a column of a frame, px of views of that width per stored view."""
+    disparity = draw_view(moving_solids(number / RATE_HZ), u, 0.0)[1]
+    size = ((width + 1) // 2, (width + 1) // 2)
+    small = cv2.resize(disparity, size, interpolation=cv2.INTER_NEAREST)
+    return small * np.float32((VIEWS[1] - VIEWS[0]) * width / SIZE_PX)
+
+
+def _column(eye: float) -> float:
+    """Of the demo's grid, for a column of the two views."""
+    return VIEWS[0] + eye * (VIEWS[1] - VIEWS[0])
+
+
 def _exact(number: int, eye: float) -> NDArray[np.float32]:
-    return _view(number, VIEWS[0] + eye * (VIEWS[1] - VIEWS[0])).astype(np.float32)
+    return _view(number, _column(eye)).astype(np.float32)
+
+
+def _columns(name: str) -> tuple[float, ...]:
+    """The columns, of the demo's grid, from which the two views are drawn."""
+    return tuple(_column(eye + MOVED_VIEWS) for eye in EYES) if name == PROGRAM_EYES else VIEWS
 
 
 @cache
-def _frame(number: int, width: int) -> Frame:
+def _frame(number: int, width: int, columns: tuple[float, ...] = VIEWS) -> Frame:
     """Both views side by side, each of that width."""
     sides = width, width
-    views = (cv2.resize(_view(number, u), sides, interpolation=cv2.INTER_AREA) for u in VIEWS)
+    views = (cv2.resize(_view(number, u), sides, interpolation=cv2.INTER_AREA) for u in columns)
     return np.hstack(list(views))
 
 
@@ -79,14 +101,21 @@ class _Drawing:
         )
         self._views = LiveViews(self._live, name)
         self._record = _recorders(self._live)[name]
+        self._columns = _columns(name)
         self._method = method
+
+    def draw_number(self, number: int) -> list[NDArray[np.float32]]:
+        """The pictures of both eyes in a frame."""
+        width = self._live.width_px
+        return self.draw(_frame(number, width, self._columns), number)
 
     def draw(self, frame: Frame, number: int) -> list[NDArray[np.float32]]:
         """The pictures of both eyes, float32 (height, width, 3) BGR, as large as the demo."""
         t_ns = round(number * 1e9 / RATE_HZ)
         views = [view for pair in PAIR for view in pair]
         field = self._views.show(frame, views, self._record(frame, number), t_ns)
-        renderer = ViewRenderer(field, self._method)
+        # each eye has a renderer of its own, as a program may have drawn its view
+        renderers = [ViewRenderer(field, self._method, eye=eye) for eye in (0, 1)]
         return [
             np.moveaxis(
                 scaled_up(
@@ -96,7 +125,7 @@ class _Drawing:
                 0,
                 -1,
             )
-            for eye in EYES
+            for renderer, eye in zip(renderers, EYES, strict=True)
         ]
 
 
@@ -106,6 +135,21 @@ def _recorders(live: LiveSource) -> dict[str, Record]:
     def none(_frame: Frame, _number: int) -> NDArray[np.void]:
         record = np.zeros((), disparity_dtype(live))
         record["align"] = np.eye(2, 3)
+        record["positions"] = np.nan
+        return record
+
+    def known(_frame: Frame, number: int, name: str) -> NDArray[np.void]:
+        record = none(_frame, number)
+        maps = [_exact_map(number, u, live.width_px) for u in _columns(name)]
+        low, high = float(np.min(maps)), float(np.max(maps))
+        record["scale_px"] = scale_for(low, high)
+        record["low_px"], record["high_px"] = low, high
+        for k, disparity in enumerate(maps):
+            record["views"][k] = 0, k
+            record["maps"][k] = quantised(disparity, float(record["scale_px"]))
+        record["count"] = 2
+        if name == PROGRAM_EYES:
+            record["positions"] = [(0.0, eye + MOVED_VIEWS) for eye in EYES]
         return record
 
     def flow(frame: Frame, number: int, coarse: bool) -> NDArray[np.void]:
@@ -138,6 +182,8 @@ def _recorders(live: LiveSource) -> dict[str, Record]:
         "coarse flow": partial(flow, coarse=True),
         "fine flow": partial(flow, coarse=False),
         "the packer": packer,
+        PROGRAM_GRID: partial(known, name=PROGRAM_GRID),
+        PROGRAM_EYES: partial(known, name=PROGRAM_EYES),
     }
 
 
@@ -147,6 +193,8 @@ ESTIMATORS = (
     ("coarse flow", "warp2"),
     ("fine flow", "warp2"),
     ("the packer", "warp2"),
+    (PROGRAM_GRID, "warp2"),
+    (PROGRAM_EYES, "warp2"),
 )
 
 
@@ -156,7 +204,7 @@ def _prepare(name: str, method: str, width: int, count: int) -> Prepared:
     beyond = 0.0
     last: list[tuple[NDArray[np.float32], NDArray[np.float32]]] = []
     for number in range(count):
-        drawn = drawing.draw(_frame(number, width), number)
+        drawn = drawing.draw_number(number)
         exact = [_exact(number, eye) for eye in EYES]
         now = list(zip(drawn, exact, strict=True))
         squares += [float(np.mean((a - b) ** 2)) for a, b in now]
@@ -171,12 +219,11 @@ def _prepare(name: str, method: str, width: int, count: int) -> Prepared:
     }
     timed = _Drawing(name, method, width)
     numbers = itertools.cycle(range(count))
-    return metrics, lambda: {"cpu_ms": cpu_ms(partial(_draw_next, timed, numbers, width), count)}
+    return metrics, lambda: {"cpu_ms": cpu_ms(partial(_draw_next, timed, numbers), count)}
 
 
-def _draw_next(drawing: _Drawing, numbers: Iterator[int], width: int) -> None:
-    number = next(numbers)
-    drawing.draw(_frame(number, width), number)
+def _draw_next(drawing: _Drawing, numbers: Iterator[int]) -> None:
+    drawing.draw_number(next(numbers))
 
 
 def _flicker(name: str, method: str, width: int) -> float:

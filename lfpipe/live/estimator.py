@@ -42,13 +42,17 @@ class Found:
     step_px: float
     range_px: tuple[float, float]
     """Farthest and nearest."""
+    positions: NDArray[np.float64] = attrs.field(factory=lambda: np.full((2, 2), np.nan))
+    """As in the record of disparity."""
 
     @classmethod
-    def of(cls, maps: Mapping[View, NDArray[np.int8]], step_px: float) -> "Found":
+    def of(
+        cls, maps: Mapping[View, NDArray[np.int8]], step_px: float, positions: NDArray[np.float64]
+    ) -> "Found":
         """Of known maps."""
         sample = np.concatenate([one[::4, ::4].ravel() for one in maps.values()])
         low, high = (np.percentile(sample, RANGE_PERCENT) * step_px).tolist()
-        return cls(maps, step_px, (low, high))
+        return cls(maps, step_px, (low, high), positions)
 
 
 class _PairState:

@@ -1,5 +1,6 @@
 """The newest frame of a live light field as a LightField."""
 
+import math
 from collections.abc import Iterable
 
 import attrs
@@ -83,6 +84,9 @@ class LiveViews:
             row, col = record["views"][k].tolist()
             self._maps[0, row, col] = record["maps"][k]
             self._greens[row, col] = self._green(frame, (row, col))
+        (top, left), (low, right) = record["positions"].tolist()
+        drawn = ((top, left), (low, right)) if math.isfinite(top) else None
+        self.field = attrs.evolve(self.field, eye_positions=drawn)
         self._follow_range(record, t_ns)
 
     def show_with_last(self, frame: NDArray[np.uint8], views: Iterable[View]) -> LightField:

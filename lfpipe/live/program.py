@@ -51,9 +51,13 @@ class Program:
         step_px = float(record["step_px"])
         if not step_px > 0:
             return None
+        positions = np.array(record["positions"])
+        if np.isfinite(positions).all():
+            views = [divmod(eye, record["maps"].shape[1]) for eye in (0, 1)]
         maps = {view: np.array(record["maps"][view]) for view in views}
         assert self._reader is not None
-        return Found.of(maps, step_px) if self._reader.still_valid(slot) else None
+        found = Found.of(maps, step_px, positions)
+        return found if self._reader.still_valid(slot) else None
 
     def close(self) -> None:
         """Closes the rings."""

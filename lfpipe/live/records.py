@@ -42,7 +42,9 @@ def disparity_dtype(live: LiveSource) -> np.dtype[np.void]:
     """A record of disparity; the slot header repeats number and stamps of its frame.
 
     maps: as in `LightField.disparity`, in steps of scale_px; of views, the first `count` rows.
-    align: 2x3, from a pixel of a rectified view of the last column to one of the delivered view.
+    positions: (row, col) of the left and the right eye, if the first two views were drawn for them,
+    else NaN. align: 2x3, from a pixel of an aligned view of the last column to one of the delivered
+    view.
     """
     return np.dtype(
         [
@@ -51,6 +53,7 @@ def disparity_dtype(live: LiveSource) -> np.dtype[np.void]:
             ("low_px", "<f4"),
             ("high_px", "<f4"),
             ("align", "<f4", (2, 3)),
+            ("positions", "<f8", (2, 2)),
             ("views", "<i4", (MAX_VIEWS, 2)),
             ("maps", "i1", (MAX_VIEWS, *map_size(live))),
         ]
@@ -66,6 +69,11 @@ def live_rings(live: LiveSource) -> dict[str, RingSpec]:
         "disparity": RingSpec((), disparity_dtype(live), 4),
         "viewpoints": RingSpec((), VIEWPOINTS, 8),
     }
+
+
+def eye_views(live: LiveSource) -> list[View]:
+    """The views that a program draws for both eyes: the first two."""
+    return [divmod(eye, live.cols) for eye in (0, 1)]
 
 
 def cut(frame: NDArray[np.uint8], live: LiveSource, view: View) -> NDArray[np.uint8]:

@@ -42,12 +42,14 @@ def scene_dtype(rows: int, cols: int, size_px: tuple[int, int]) -> np.dtype[np.v
     """A record of the ring. size_px: (width, height) of a view.
 
     step_px: of the disparity maps, which are as in `LightField.disparity`; 0 without them.
+    positions: (row, col) of both eyes, if the first two views are drawn for them, else NaN.
     """
     width, height = size_px
     return np.dtype(
         [
             ("views", "u1", (rows, cols, height, width, 3)),
             ("step_px", "<f8"),
+            ("positions", "<f8", (2, 2)),
             ("maps", "i1", (rows, cols, (height + 1) // 2, (width + 1) // 2)),
         ]
     )

@@ -91,6 +91,7 @@ class DisparityStage:
         record["count"] = len(found.maps)
         record["scale_px"] = found.step_px
         record["low_px"], record["high_px"] = found.range_px
+        record["positions"] = found.positions
         aligned = self._estimator.alignment
         record["align"] = np.eye(2, 3) if aligned is None else aligned.matrix
         for k, (view, disparity) in enumerate(found.maps.items()):

@@ -181,6 +181,8 @@ class LightField:
     # farthest and nearest at the left and right border, px per view
     border_px: tuple[float, float] = (0.0, 0.0)
     depth_inverted: bool = False  # rows and columns are reversed against the pack's order
+    eye_positions: tuple[tuple[float, float], tuple[float, float]] | None = None
+    """(row, col) of the left and of the right eye, if the first two views were drawn for them."""
 
     @classmethod
     def of(

@@ -225,11 +225,11 @@ class Compositor:
         out: NDArray[np.uint8],
     ) -> None:
         planes = list(self._planes)
-        for of_eye, position in zip(self._eyes, (left, right), strict=True):
+        for eye, (of_eye, position) in enumerate(zip(self._eyes, (left, right), strict=True)):
             if of_eye:
                 sources = [self._sources[k] for k in of_eye]
                 outs = [self._planes[k] for k in of_eye]
-                drawn = part.render(position, frame, self._zero_px, sources, outs)
+                drawn = part.render(position, frame, self._zero_px, sources, outs, eye)
                 for k, plane in zip(of_eye, drawn, strict=True):
                     planes[k] = plane
         self._mixer.mix(planes, out, part.rows)
@@ -238,7 +238,8 @@ class Compositor:
 class ViewRenderer:
     """Draws one camera's views of a light field, in its own colours; keeps its tables from view to
     view. method: as `render.method`. zero_plane_px: disparity that stays in place from view to
-    view; only warps shift by it. size_px: (width, height) as for `Compositor`.
+    view; only warps shift by it. size_px: (width, height) as for `Compositor`. eye: whose view it
+    is, where a program draws one for each.
     """
 
     def __init__(
@@ -247,8 +248,10 @@ class ViewRenderer:
         method: str = "auto",
         zero_plane_px: float = 0.0,
         size_px: tuple[int, int] | None = None,
+        eye: int = 0,
     ) -> None:
         self._frames = field.frames
+        self._eye = eye
         views = SceneViews(field, size_px)
         self._zero_plane_px = zero_plane_px * views.scale
         self._synthesiser = Synthesiser(views, method_for(field, method))
@@ -264,7 +267,12 @@ class ViewRenderer:
         frame: of a light-field video.
         """
         return self._synthesiser.render(
-            (row, col), frame % self._frames, self._zero_plane_px, self._sources, self._outs
+            (row, col),
+            frame % self._frames,
+            self._zero_plane_px,
+            self._sources,
+            self._outs,
+            self._eye,
         )
 
     def render(self, row: float, col: float, frame: int = 0) -> NDArray[np.uint8]:

@@ -41,6 +41,7 @@ class Synthesiser:
     def __init__(self, scene: SceneViews, method: str, rows: slice = slice(None)) -> None:
         self.method = method
         self.rows = slice(*rows.indices(scene.height_px))
+        self._scene = scene
         self._rows, self._cols = scene.field.rows, scene.field.cols
         self._centre = ((self._rows - 1) / 2, (self._cols - 1) / 2)
         self._warper = Warper(scene, self.rows) if method in WARPS else None
@@ -63,14 +64,16 @@ class Synthesiser:
         zero_plane_px: float,
         sources: Sequence[Source],
         outs: Sequence[Array],
+        eye: int = 0,
     ) -> list[Array]:
-        """One plane for each source, at most four, seen from position.
+        """One plane for each source, at most four, seen from position, by the left eye, 0, or the
+        right one, 1, for which a program may have drawn a view.
 
         zero_plane_px: disparity in the plane of the screen. outs: uint8 (height, width)
         each, to draw its rows into. Returns the planes: an element of outs, the stored plane itself
         if that is the picture, or a shifted copy.
         """
-        views = view_weights(self.method, position, self._rows, self._cols)
+        views = self._weights(self.method, position, eye)
         if self._warper is None:
             layers = self._layers(frame, views, zero_plane_px, sources)
             return self._faded(layers, self._whole, outs)
@@ -81,7 +84,7 @@ class Synthesiser:
         drawn = list(outs[: len(sources)])
         total = 0.0
         for view in views:
-            steps = self._warper.offset(view, position)
+            steps = self._steps(self._warper, view, position, eye)
             planes = [source(frame, view.row, view.col) for source in sources]
             if steps == (0.0, 0.0) and not any(shift):
                 return planes
@@ -97,12 +100,25 @@ class Synthesiser:
             if not share.size:
                 continue
             if not layers:
-                views = view_weights("blend", position, self._rows, self._cols)
+                views = self._weights("blend", position, eye)
                 layers = self._layers(frame, views, zero_plane_px, sources)
             scratch = [np.empty(share.shape, np.uint8) for _ in sources]
             for out, plane in zip(drawn, self._faded(layers, box, scratch), strict=True):
                 cv2.blendLinear(plane, out[box], share, 1 - share, out[box])
         return drawn
+
+    def _weights(self, method: str, position: Position, eye: int) -> list[ViewWeight]:
+        """The stored views of a picture."""
+        if self._scene.field.eye_positions is not None:
+            return [ViewWeight(*divmod(eye, self._cols), 1.0)]
+        return view_weights(method, position, self._rows, self._cols)
+
+    def _steps(self, warper: Warper, view: ViewWeight, position: Position, eye: int) -> Position:
+        """(row, col) steps from a stored view to position."""
+        drawn = self._scene.field.eye_positions
+        if drawn is None:
+            return warper.offset(view, position)
+        return position[0] - drawn[eye][0], position[1] - drawn[eye][1]
 
     def _layers(
         self, frame: int, views: list[ViewWeight], zero_px: float, sources: Sequence[Source]
