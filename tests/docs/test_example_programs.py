@@ -62,7 +62,8 @@ EXAMPLE_FILES = sorted(path.name for path in EXAMPLES.iterdir() if path.suffix i
 def test_example_programs_are_run_and_listed() -> None:
     marks: Any = test_example_program_runs.pytestmark  # type: ignore[attr-defined]
     programs = {row[0].split()[0] for row in marks[0].args[1]}
-    programs.add("eyes_to_page.py")  # runs until it is ended: test_examples.py
+    # they run until they are ended: test_examples.py, and test_live_field.py
+    programs |= {"eyes_to_page.py", "live_scene.py"}
     assert programs == set(EXAMPLE_FILES)
     listed = re.findall(r"^\| `([\w.]+) ", (EXAMPLES / "README.md").read_text(), re.M)
     assert sorted(listed) == EXAMPLE_FILES

@@ -85,3 +85,21 @@ def test_session_keeps_the_last_picture_of_a_program_and_finds_it_again(
     program.terminate()
     program.wait()
     world.ctl("stop")
+
+
+@pytest.mark.live
+@pytest.mark.parametrize("mode", ["grid", "eyes"])
+def test_example_draws_a_live_scene(world: World, mode: str) -> None:
+    example = Path(__file__).parents[2] / "examples" / "live_scene.py"
+    command = [sys.executable, str(example), mode]
+    program = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=world.env)
+    try:
+        assert program.stdout is not None and "lfpipe up" in program.stdout.readline()
+        world.shows(Path("live:ring:ball"), pictures=30)
+        world.wait_for(
+            lambda: world.monitor()["stages"]["render"]["metrics"]["own_disparity"] > 30,
+            "pictures of its frames",
+        )
+    finally:
+        program.terminate()
+        program.wait()
