@@ -24,7 +24,7 @@ RATE_HZ = 30.0
 
 def wall(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Brightness of the wall, 0 to 1."""
-    return 0.55 + 0.2 * np.sin(x / 6) * np.sin(y / 9) + 0.1 * np.sin((x + y) / 25)
+    return np.asarray(0.55 + 0.2 * np.sin(x / 6) * np.sin(y / 9) + 0.1 * np.sin((x + y) / 25))
 
 
 def draw(row: float, col: float, t_s: float) -> tuple[np.ndarray, np.ndarray]:

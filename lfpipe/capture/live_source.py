@@ -1,8 +1,9 @@
 """Names of live light fields, and what their sources deliver.
 
-    live:SOURCE[?layout=side-by-side|over-under|mosaic&grid=RxC&size=WxH]
+    live:SOURCE[,SOURCE...][?layout=side-by-side|over-under|mosaic&grid=RxC&size=WxH]
 
-SOURCE is a source of `spec.KINDS`, or a device file; its own parameters may follow.
+SOURCE is a source of `spec.KINDS`, or a device file; its own parameters may follow. Several are
+cameras in a row, from left to right.
 """
 
 import re
@@ -11,7 +12,7 @@ from pathlib import Path
 import attrs
 
 from lfpipe.capture.open_source import probe_source
-from lfpipe.capture.spec import RingKind, parse_source
+from lfpipe.capture.spec import RingKind, RowKind, SourceKind, parse_source
 from lfpipe.config import Camera, Config, LiveSource
 from lfpipe.errors import UserError
 from lfpipe.live.shared_scene import attached
@@ -43,6 +44,9 @@ def check_live(text: str, config: Config) -> LiveSource:
     """
     source, own = _split(text.removeprefix(PREFIX))
     asked_px = _pair(own, "size", "x")
+    if isinstance(kind := parse_source(source), RowKind):
+        width, height = asked_px or config.camera.frame_px
+        asked_px = width * len(kind.cameras), height
     camera = live_camera(config, asked_px or config.camera.frame_px)
     info = probe_source(source, camera)
     frame_px = asked_px or info.size_px
@@ -73,8 +77,15 @@ def same_device(a: str, b: str) -> bool:
     """Whether two sources are one camera."""
     if not a or not b or not (parse_source(a).live and parse_source(b).live):
         return False
-    one, other = (parse_source(text).definite(text) for text in (a, b))
-    return one == other
+    one, other = (_cameras(parse_source(text), text) for text in (a, b))
+    return not one.isdisjoint(other)
+
+
+def _cameras(kind: SourceKind, text: str) -> set[str]:
+    """The definite names of the cameras of a source."""
+    if isinstance(kind, RowKind):
+        return {camera.definite(str(camera)) for camera in kind.cameras}
+    return {kind.definite(text)}
 
 
 def _split(rest: str) -> tuple[str, dict[str, str]]:
@@ -83,8 +94,10 @@ def _split(rest: str) -> tuple[str, dict[str, str]]:
     pairs = [item.partition("=")[::2] for item in query.split("&") if item]
     own = {key: value for key, value in pairs if key in OWN}
     others = "&".join(f"{key}={value}" for key, value in pairs if key not in OWN)
-    if name.startswith("/dev/"):
-        name = f"camera:{name}"
+    cameras = [f"camera:{one}" if one.startswith("/dev/") else one for one in name.split(",")]
+    name = ",".join(cameras)
+    if len(cameras) > 1:
+        name = f"row:{name}"
     if not name:
         raise UserError(f"{PREFIX}{rest}: names no source", f"use {FORM}")
     source = f"{name}?{others}" if others else name
@@ -107,10 +120,13 @@ def _grid(
     text: str, source: str, own: dict[str, str], frame_px: tuple[int, int]
 ) -> tuple[tuple[int, int], int]:
     """(rows, columns) of the light field, and its views across a frame. Raises UserError."""
-    if isinstance(kind := parse_source(source), RingKind):
+    kind = parse_source(source)
+    if isinstance(kind, RingKind):
         reader, grid, _ = attached(kind.name)
         reader.close()
         return grid, grid[1]
+    if isinstance(kind, RowKind):
+        return (1, len(kind.cameras)), len(kind.cameras)
     given = _pair(own, "grid", "x")
     layout = own.get("layout", "mosaic" if given else "")
     if not layout and frame_px[0] >= WIDE * frame_px[1]:

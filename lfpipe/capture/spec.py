@@ -1,7 +1,7 @@
 """Names of frame sources, and the table of their kinds.
 
     camera:N  camera:/dev/videoN  camera:NAME  file:PATH[?loop=0|1&pace=recorded|max|HZ]  demo
-    ring:NAME
+    ring:NAME  row:SOURCE,SOURCE
 
 Another kind is a subclass of `SourceKind`: an entry point of the group `lfpipe.sources`, named as
 its prefix, or a line in KINDS. What opens a source is imported when it is opened.
@@ -250,11 +250,53 @@ class RingKind(SourceKind):
         return source.info
 
 
+@attrs.frozen
+class RowKind(SourceKind):
+    """Two to four cameras in a row, from left to right; their pictures side by side."""
+
+    cameras: tuple[SourceKind, ...]
+
+    form = "row:SOURCE,SOURCE"
+    MOST: ClassVar[int] = 4
+
+    @classmethod
+    def parse(cls, rest: str) -> Self | None:
+        texts = rest.split(",")
+        if not 2 <= len(texts) <= cls.MOST or len(set(texts)) < len(texts):
+            raise UserError(
+                f"row:{rest}: not 2 to {cls.MOST} different cameras",
+                "name them from left to right, for example row:camera:2,camera:4",
+            )
+        return cls(tuple(parse_source(text) for text in texts))
+
+    @property
+    def live(self) -> bool:  # type: ignore[override]
+        return self.cameras[0].live
+
+    def __str__(self) -> str:
+        return f"row:{','.join(map(str, self.cameras))}"
+
+    def open(self, camera: config.Camera) -> "FrameSource":
+        from lfpipe.capture.row_source import RowSource
+
+        one = attrs.evolve(camera, width_px=camera.width_px // len(self.cameras))
+        opened: list[FrameSource] = []
+        try:
+            for kind in self.cameras:
+                opened.append(kind.open(one))
+            return RowSource(opened)
+        except BaseException:
+            for source in opened:
+                source.close()
+            raise
+
+
 KINDS: dict[str, type[SourceKind]] = {
     "camera": CameraSpec,
     "file": FileSpec,
     "demo": DemoSpec,
     "ring": RingKind,
+    "row": RowKind,
 }
 
 

@@ -28,6 +28,8 @@ RETURN_PX = 1.0  # between the disparity of a point in both views: more, and one
 # Between two frames, in grey levels: below, a pixel has not changed but for the camera's noise, and
 # KEPT of its last disparity remains, unless that differs by MOVED_PX.
 NOISE_LEVELS, KEPT, MOVED_PX = 6.0, 0.75, 1.0
+# disparity of the nearest, and frames in a row below it, by which two cameras are exchanged
+BEHIND_PX, BEHIND_FRAMES = -2.0, 30
 RANGE_PERCENT = (1.0, 99.0)  # of the disparities that count as farthest and nearest
 STEPS_PX = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)  # of stored disparity, which has 8 bits
 SMALLER_STEP = 0.7  # share of a smaller step's range that must suffice before it is used
@@ -73,6 +75,9 @@ class Estimator:
         self._engines = [_engine(*FINE), _engine(*COARSE)]
         self._states: dict[Pair, _PairState] = {}
         self.alignment = Alignment(live.width_px, live.height_px) if aligns else None
+        self.exchanged = False
+        """Whether the left camera delivers the right view, as in the record of disparity."""
+        self._behind = 0  # frames in a row in which everything is behind infinity
         self._step_px = STEPS_PX[1]
 
     def estimate(
@@ -91,14 +96,27 @@ class Estimator:
         sample = np.concatenate([one[::4, ::4].ravel() for one in found.values()])
         low, high = np.percentile(sample, RANGE_PERCENT).tolist()
         self._set_step(max(abs(low), abs(high)))
+        if self.alignment is not None:
+            self._follow_order(high)
         maps = {view: quantised(disparity, self._step_px) for view, disparity in found.items()}
         return Found(maps, self._step_px, (low, high))
+
+    def _follow_order(self, nearest_px: float) -> None:
+        """Exchanges two cameras that deliver each other's view: with parallel ones, nothing is
+        farther than infinity, which has disparity 0.
+        """
+        self._behind = self._behind + 1 if nearest_px < BEHIND_PX else 0
+        if self._behind == BEHIND_FRAMES:
+            self.exchanged = not self.exchanged
+            self.alignment = Alignment(self._live.width_px, self._live.height_px)
+            self._states.clear()
 
     def _grey(self, frame: NDArray[np.uint8], view: View) -> Grey:
         """A view in grey at half its size, aligned."""
         live = self._live
         size = (live.width_px + 1) // 2, (live.height_px + 1) // 2
-        small = cv2.resize(cut(frame, live, view), size, interpolation=cv2.INTER_AREA)
+        view_px = cut(frame, live, view, self.exchanged)
+        small = cv2.resize(view_px, size, interpolation=cv2.INTER_AREA)
         grey = np.asarray(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY), np.uint8)
         if self.alignment is not None and view[1] == live.cols - 1:
             return self.alignment.apply(grey, 0.5)

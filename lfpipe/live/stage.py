@@ -81,7 +81,11 @@ class DisparityStage:
                 self._program.tell(self._at)
             if (known := self._program.found(stamp, views_of(pairs))) is not None:
                 return known
-        return self._estimator.estimate(frame, pairs, coarse)
+        before = self._estimator.exchanged
+        found = self._estimator.estimate(frame, pairs, coarse)
+        if self._estimator.exchanged != before:
+            self._context.notify("the two cameras stand the other way round: views exchanged")
+        return found
 
     def _pairs(self) -> list[Pair]:
         return pairs_in_need(self._live, [self._at["left"].tolist(), self._at["right"].tolist()])
@@ -92,6 +96,7 @@ class DisparityStage:
         record["scale_px"] = found.step_px
         record["low_px"], record["high_px"] = found.range_px
         record["positions"] = found.positions
+        record["exchanged"] = self._estimator.exchanged
         aligned = self._estimator.alignment
         record["align"] = np.eye(2, 3) if aligned is None else aligned.matrix
         for k, (view, disparity) in enumerate(found.maps.items()):

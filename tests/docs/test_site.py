@@ -82,7 +82,7 @@ def test_docs_links_and_files_exist() -> None:
             )
 
 
-WRITTEN_BY_HAND = 16_900  # words: as `wc -w` counts them
+WRITTEN_BY_HAND = 16_950  # words: as `wc -w` counts them
 GENERATED = ("commands.md", "configuration.md")
 
 

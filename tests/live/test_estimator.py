@@ -126,3 +126,19 @@ def test_alignment_of_cameras_in_a_row_changes_nothing() -> None:
     empty = Alignment(64, 48)
     empty.add(np.zeros((24, 32), np.uint8), np.zeros((24, 32, 2), np.float32))
     np.testing.assert_array_equal(empty.matrix, np.eye(2, 3, dtype=np.float32))
+
+
+def test_cameras_in_the_other_order_are_exchanged() -> None:
+    near = rendered.field(1, 2, 96, 128, scale=2.0)  # from -2 to 4 px; moved by 6: all positive
+    live = made.source()
+    frame = made.frame_of(near)
+    frame[:, 128:] = np.roll(frame[:, 128:], -6, axis=1)
+    other = np.hstack([frame[:, 128:], frame[:, :128]])
+    estimator = Estimator(live, aligns=True)
+    for _ in range(40):
+        found = estimator.estimate(other, PAIR)
+    assert estimator.exchanged and found.range_px[1] > 0
+    right = Estimator(live, aligns=True)
+    for _ in range(40):
+        right.estimate(frame, PAIR)
+    assert not right.exchanged

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 import lfpipe
-from lfpipe.capture.frame_source import Frame
+from lfpipe.capture.frame_source import Frame, SourceInfo
 from lfpipe.capture.live_source import check_live, is_live, same_device
 from lfpipe.capture.ring_source import RingSource
+from lfpipe.capture.row_source import RowSource
 from lfpipe.config import Config
 from lfpipe.errors import UserError
 from lfpipe.live.program import Program
@@ -118,3 +119,46 @@ def test_check_live_reads_the_layout_or_names_it(
 def test_one_camera_cannot_be_both() -> None:
     assert same_device("camera:2", "camera:/dev/video2")
     assert not same_device("camera:2", "camera:3") and not same_device("demo", "demo")
+    assert same_device("row:camera:2,camera:4", "camera:/dev/video4")
+
+
+class Camera:
+    """A camera whose frames a test gives."""
+
+    def __init__(self, stamps_ns: list[int], level: int) -> None:
+        self.info = SourceInfo("camera", (64, 48), 30.0, live=True)
+        self._stamps = iter(enumerate(stamps_ns))
+        self._level = level
+
+    def read(self, out: np.ndarray) -> Frame | None:
+        number, t_ns = next(self._stamps, (0, 0))
+        out[:] = self._level
+        return Frame(number, t_ns, t_ns) if t_ns else None
+
+    def close(self) -> None: ...
+
+
+def test_cameras_in_a_row_are_paired_by_time_and_matched_in_brightness() -> None:
+    ms = 1_000_000
+    left = Camera([ms * t for t in range(100, 9000, 33)], 120)
+    right = Camera([ms * t for t in range(40, 9000, 33)], 100)  # two frames early, then 6 ms late
+    row = RowSource([left, right])
+    out = np.empty((48, 128, 3), np.uint8)
+    assert row.info.size_px == (128, 48)
+    frames = []
+    while (frame := row.read(out)) is not None:
+        frames.append(frame)
+        assert row.offset_ns <= 17 * ms
+    assert len(frames) > 200 and frames[0].t_sensor_ns == 100 * ms
+    assert abs(int(out[0, 0, 0]) - int(out[0, 127, 0])) <= 2, "as bright as the first"
+
+
+def test_check_live_reads_cameras_in_a_row(tmp_path: Path) -> None:
+    grey = np.full((96, 128, 3), 90, np.uint8)
+    paths = [write_film(tmp_path / f"{name}.avi", [grey] * 3) for name in "ab"]
+    text = f"live:file:{paths[0]},file:{paths[1]}"
+    live = check_live(f"{text}?size=128x96", Config())
+    assert (live.rows, live.cols, live.width_px, live.height_px) == (1, 2, 128, 96)
+    for wrong in (f"live:file:{paths[0]},file:{paths[0]}", "live:demo,demo,demo,demo,demo"):
+        with pytest.raises(UserError, match="different cameras"):
+            check_live(wrong, Config())
