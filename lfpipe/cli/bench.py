@@ -1,5 +1,7 @@
 """`lfpipe bench`: a report of error against run time."""
 
+import sys
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -56,6 +58,7 @@ def _command(name: str, benchmarks: tuple[str, ...], about: str) -> click.Comman
                 scene_path=scene, sequence_path=sequence, quick=quick, settings=config, progress=bar
             )
             results = measure(benchmarks, inputs, out, bar)
+        _print_tables(results, benchmarks)
         _report(results, out)
 
     return click.command(name, help=about, short_help=about)(run)
@@ -102,6 +105,7 @@ def viewer(tracks: tuple[Path, ...], out: Path, quick: bool, check: bool) -> int
 
     with progress() as bar:
         results = measure(("viewer",), Inputs(quick=quick, tracks=tracks), out, bar)
+    _print_tables(results, ("viewer",))
     _report(results, out)
     lines = beyond(results["viewer"])
     if check:
@@ -165,6 +169,26 @@ def table(
         print_result(f"skipped: {reason}")
     _report({TABLE.name: results}, out)
     return 1 if results.left_out or results.failures else 0
+
+
+def _print_tables(results: dict[str, Results], names: Sequence[str]) -> None:
+    """Prints the first table of each benchmark: to fit a terminal, else as Markdown."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    for name in names:
+        if not results[name].rows:
+            continue
+        title, table = BENCHMARKS[name].title, results[name].tables[0]
+        if not sys.stdout.isatty():
+            print_result(f"{title}\n\n{table.markdown()}\n")
+            continue
+        head, body = table.texts()
+        shown = Table(*head, title=title, box=box.SIMPLE, title_justify="left")
+        for row in body:
+            shown.add_row(*row)
+        Console(highlight=False, markup=False).print(shown)
 
 
 def _report(results: dict[str, Results], out: Path) -> None:
