@@ -73,6 +73,11 @@ def set_up(verbose: int = 0) -> None:
         _ROOT.addHandler(handler)
 
 
+def is_shown() -> bool:
+    """Whether the terminal shows the log: the user asked for details."""
+    return bool(os.environ.get(VARIABLE))
+
+
 @contextlib.contextmanager
 def kept_in(run_dir: Path) -> Iterator[None]:
     """Logs to the session's file inside the block, also in a program that has not called

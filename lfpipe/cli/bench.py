@@ -1,6 +1,5 @@
 """`lfpipe bench`: a report of error against run time."""
 
-import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -10,7 +9,7 @@ import click
 from lfpipe.bench.benchmarks import BENCHMARKS, TABLE
 from lfpipe.bench.results import Results
 from lfpipe.cli.options import PATH, with_config
-from lfpipe.cli.terminal import print_result, say
+from lfpipe.cli.terminal import print_result, print_table, say
 from lfpipe.config import Config
 
 OUT = click.option(
@@ -173,22 +172,10 @@ def table(
 
 def _print_tables(results: dict[str, Results], names: Sequence[str]) -> None:
     """Prints the first table of each benchmark: to fit a terminal, else as Markdown."""
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-
     for name in names:
-        if not results[name].rows:
-            continue
-        title, table = BENCHMARKS[name].title, results[name].tables[0]
-        if not sys.stdout.isatty():
-            print_result(f"{title}\n\n{table.markdown()}\n")
-            continue
-        head, body = table.texts()
-        shown = Table(*head, title=title, box=box.SIMPLE, title_justify="left")
-        for row in body:
-            shown.add_row(*row)
-        Console(highlight=False, markup=False).print(shown)
+        if results[name].rows:
+            table = results[name].tables[0]
+            print_table(BENCHMARKS[name].title, *table.texts(), otherwise=table.markdown())
 
 
 def _report(results: dict[str, Results], out: Path) -> None:

@@ -11,12 +11,13 @@ from pathlib import Path
 import attrs
 
 from lfpipe import config as configuration
+from lfpipe import log
 from lfpipe.capture.camera_list import NoCamera
 from lfpipe.capture.live_source import check_live, is_live, same_device
 from lfpipe.capture.open_source import camera_name, camera_settings, check_source, clock_of
 from lfpipe.capture.spec import parse_source, playing_once, source_file
 from lfpipe.cli.sessions import load_scene
-from lfpipe.cli.terminal import print_error, print_result, progress, say
+from lfpipe.cli.terminal import filled, print_error, print_result, progress, say
 from lfpipe.config import Config, SessionOptions
 from lfpipe.config.modes import (
     CameraViewer,
@@ -45,6 +46,7 @@ from lfpipe.render.display.monitors import detect_monitors, device_latency_doubt
 from lfpipe.render.display.open_display import check_display, has_display, parse_display
 from lfpipe.render.plan import Plan, make_plan
 from lfpipe.render.synthesis.compositor import settings_for_scene
+from lfpipe.render.ui.notices import GLASSES
 from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import NAMES, demo_scene
 from lfpipe.scene.lightfield import LightField
@@ -190,7 +192,7 @@ def _run(session: Session, plan: SessionPlan) -> int:
         outcome = run_session(
             session, plan.config, plan.options, say, plan.duration_s, plan.packing
         )
-    if outcome.final is not None:
+    if outcome.final is not None and log.is_shown():
         print_state(outcome.final)
     for path in filter(exists, plan.files):
         print_result(f"{path.stat().st_size / 1e6:8.2f} MB  {path}")
@@ -218,7 +220,8 @@ def prepare(arguments: UpArguments) -> SessionPlan:
     check(arguments, request)
     plan = _open_source(arguments, request) if arguments.no_picture else _open(arguments, request)
     for line in plan.lines:
-        say(line)
+        head, _, text = line.partition("\t")
+        say(filled(text, f"{head:<9}") if text else line)
     return plan
 
 
@@ -287,8 +290,8 @@ def _open_source(arguments: UpArguments, request: Request) -> SessionPlan:
     viewer = _viewer(arguments, request)
     config = with_engine(with_measured_focal(request.config, camera_name(viewer.source)))
     camera = (
-        f"camera  {viewer.source}; eyes by {config.track.engine}, filter {config.track.filter}; no"
-        " picture"
+        f"eyes\tfrom {viewer.source}, found by {config.track.engine}, filter"
+        f" {config.track.filter}; no picture is shown"
     )
     options = SessionOptions(
         viewer=viewer, clock=clock_of(viewer.source), show=False, extras=arguments.extras
@@ -375,7 +378,7 @@ def _plan(arguments: UpArguments, request: Request, opened: Opened) -> SessionPl
     if len(scenes) > 1:
         keys = "" if arguments.lock_code else "Tab, Page Up and Page Down, or "
         command = f"lfpipe ctl --session {arguments.session_name} load --next"
-        lines.append(f"scenes  {len(scenes)}: {keys}`{command}` to show the others")
+        lines.append(f"scenes\t{len(scenes)}: {keys}`{command}` to show the others")
     if request.still is not None:
         DEMO_FOLDER.mkdir(exist_ok=True)
         lines.insert(0, f"no screen here: the demo records itself in {DEMO_FOLDER}/")
@@ -409,7 +412,7 @@ def _plan(arguments: UpArguments, request: Request, opened: Opened) -> SessionPl
 
 
 def _extra_lines(arguments: UpArguments) -> list[str]:
-    return [f"{name:<7} {text}" for name, texts in arguments.extras.items() for text in texts]
+    return [f"{name}\t{text}" for name, texts in arguments.extras.items() for text in texts]
 
 
 def _watched(
@@ -496,33 +499,36 @@ def startup_lines(
     config: Config, field: LightField, plan: Plan, viewer: Viewer, display: Target
 ) -> list[str]:
     """Scene, plan, camera and picture."""
-    without = ", ".join(item.what for item in plan.left_out)
-    left_out = f"; left out: {without} (`lfpipe scene plan` explains why)" if without else ""
     render = settings_for_scene(field, plan.method, config.render)
-    on_screen = isinstance(display, Window)
-    at_hz = (
-        "of the screen"
-        if on_screen and render.rate_hz == "auto"
-        else f"at {render.nominal_hz:g} Hz"
+    clock = (
+        f"at {render.nominal_hz:g} Hz" if render.clock == "display" else "for every camera frame"
     )
-    clock = f"every refresh {at_hz}" if render.clock == "display" else "every camera frame"
-    by = ", drawn by the CPU (no GPU found)" if on_screen and not has_gpu() else ""
-    if not plan.needs_tracking:
-        source = "none: the picture needs no eyes"
-    elif isinstance(viewer, MouseViewer):
-        source = "none, and no tracking: move the mouse to look around"
+    if isinstance(display, Window):
+        where = "on the whole screen" if display.fullscreen else "in a window"
+        if render.clock == "display" and render.rate_hz == "auto":
+            clock = "at every refresh"
+        by = "" if has_gpu() else ", drawn by the CPU (no GPU found)"
     else:
-        name = viewer.source or "the first one"
-        source = f"{name}; eyes by {config.track.engine}, filter {config.track.filter}"
-    return [
+        where, by = "not shown" if isinstance(display, Nothing) else f"to {display}", ""
+    glasses = "without glasses" if render.anaglyph == "mono" else f"for {GLASSES[render.anaglyph]}"
+    if not plan.needs_tracking:
+        eyes = "not needed: the picture is the same from everywhere"
+    elif isinstance(viewer, MouseViewer):
+        eyes = "the mouse: move it to look around"
+    else:
+        name = viewer.source or "the first camera"
+        eyes = f"from {name}, found by {config.track.engine}, filter {config.track.filter}"
+    lines = [
         (
-            f"scene   {field.name}: {field.rows}x{field.cols} views of"
-            f" {field.width_px}x{field.height_px}"
+            f"scene\t{field.name}: {field.rows}x{field.cols} views of"
+            f" {field.width_px}x{field.height_px} pixels"
         ),
-        f"plan    views by {plan.method}{left_out}",
-        f"camera  {source}",
-        f"picture {render.anaglyph} in {render.light} light, {clock}, to {display}{by}",
+        f"picture\t{glasses} {where}, {clock}{by}",
+        f"eyes\t{eyes}",
     ]
+    if plan.needs_tracking and field.folder and not field.complete:
+        lines.append("depth\tmeasuring disparity; until then, views are cross-faded")
+    return lines
 
 
 def device_latency_lines(config: Config, viewer: Viewer, display: Target) -> list[str]:
@@ -538,4 +544,4 @@ def device_latency_lines(config: Config, viewer: Viewer, display: Target) -> lis
         config, camera_name(viewer.source) if viewer.source else "", detect_monitors()[1]
     )
     why = f"; doubtful: {doubt}; `lfpipe calibrate --latency` measures it" if doubt else ""
-    return [f"loop    {render.device_latency_ms:g} ms delay of camera and display{why}"]
+    return [f"latency\t{render.device_latency_ms:g} ms of camera and display{why}"]

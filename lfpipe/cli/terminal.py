@@ -8,7 +8,7 @@ import shutil
 import sys
 import textwrap
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -29,6 +29,23 @@ def print_result(result: str | Path) -> None:
         click.echo(os.fsencode(result))
     else:
         click.echo(escaped(str(result)))
+
+
+def print_table(
+    title: str, head: Sequence[str], body: Sequence[Sequence[str]], otherwise: str
+) -> None:
+    """Prints a table that fits the terminal; elsewhere its other form."""
+    if not sys.stdout.isatty():
+        print_result(f"{title}\n\n{otherwise}\n")
+        return
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(*head, title=title, box=box.SIMPLE, title_justify="left")
+    for row in body:
+        table.add_row(*map(plain, row))
+    Console(highlight=False, markup=False).print(table)
 
 
 def say(text: str) -> None:

@@ -90,7 +90,7 @@ def test_session_window_shows_the_views_of_the_trace(
     _drop(world, screen)
     press("q")
     out, err = process.communicate(timeout=60)
-    assert process.returncode == 0 and "render" in out, err
+    assert process.returncode == 0 and "finished" in err, out
     assert not world.left()
 
 

@@ -182,7 +182,7 @@ def test_tap_messages_report_each_state_and_parallax_once() -> None:
     ]
     assert topics.count("parallax") == 1 and "look" not in topics
     (notice,) = [values["text"] for topic, values in messages if topic == "notice"]
-    assert re.fullmatch(r"viewer \d+ mm from the screen: \d+\.\d views between the eyes.*", notice)
+    assert re.fullmatch(r"you sit \d+ cm from the screen(; depth is .*)?", notice)
     tap.set_options(attrs.evolve(NONE, pictures="ring"))
     for k in range(60):
         tap.handed_over(presentation(t_handed_ns=3 * S + k * REFRESH_NS))

@@ -31,6 +31,7 @@ NEAREST_MM, FARTHEST_MM = 50.0, 50000.0  # the range of screen.distance_mm
 FUSED_RAD = math.radians(1.0)
 FUSED_WIDTH = 0.03
 DEFAULT_VIEWS = 4.0  # between the eyes, if the disparities are unknown
+FULL_DEPTH = 0.995  # share of true depth that is shown as all of it
 MIN_VIEWS = 1e-3  # so that alpha stays finite
 
 
@@ -70,14 +71,19 @@ class Parallax:
     @property
     def summary(self) -> str:
         """One line, for a viewer who has just sat down."""
-        depth = "" if self.compression is None else f", {self.compression:.0%} of true depth"
-        return (
-            f"viewer {self.distance_mm:.0f} mm from the screen: {self.views_between_eyes:.1f} views"
-            f" between the eyes{depth}"
-        )
+        seat = f"you sit {self.distance_mm / 10:.0f} cm from the screen"
+        share = self.compression
+        if share is None:
+            return seat
+        if share < FULL_DEPTH:
+            return f"{seat}; depth is reduced to {share:.0%} for comfort"
+        return f"{seat}; depth is true"
 
     def __str__(self) -> str:
-        return "\n  ".join((f"alpha {self.alpha_px:.2f} px/view", self.summary, *self.reasons))
+        views = f"{self.views_between_eyes:.2f} views between the eyes"
+        return "\n  ".join(
+            (f"alpha {self.alpha_px:.2f} px/view, {views}", self.summary, *self.reasons)
+        )
 
 
 def alpha_is_automatic(config: Config) -> bool:
