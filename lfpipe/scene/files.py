@@ -4,7 +4,9 @@ import contextlib
 import os
 import re
 import stat
+import unicodedata
 from collections.abc import Iterator
+from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -14,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError, quoted
+from lfpipe.files.pictures import begins_as_picture
 from lfpipe.files.safe_files import check_links, open_file, reason
 from lfpipe.host.files import proc_fd_path
 from lfpipe.host.terminal import opencv_logging
@@ -33,9 +36,13 @@ PICTURES = (
     ".webp",
     ".avif",
     ".gif",
+    ".mpo",
+    ".jps",
     *((".heic", ".heif") if find_spec("pillow_heif") else ()),
 )
 _GIVE = "give a folder of views, or a file that contains them"
+_NO_VIEWS = (".thm", ".bak", ".tmp", ".part", "~")  # previews, copies and halves of pictures
+_ENDING = re.compile(r"\.(?![0-9]+$)[^./]{1,12}$")
 VIDEOS = (".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v")
 
 
@@ -53,7 +60,7 @@ class Listing:
 
     def pictures(self) -> list[str]:
         """Names of picture files."""
-        return [name for name in self.names if name.lower().endswith(PICTURES)]
+        return [name for name in self.names if is_picture(self.folder / name)]
 
     def file(self, name: str) -> Path:
         """The path of one of the folder's files.
@@ -65,11 +72,27 @@ class Listing:
         return self.folder / name
 
 
+def stem_of(name: str) -> str:
+    """A name without its ending, in the normal form that composes letters and accents: file systems
+    and programs differ in it. A number after the last dot is no ending.
+    """
+    return unicodedata.normalize("NFC", _ENDING.sub("", name))
+
+
+def is_picture(path: Path) -> bool:
+    """Whether a file is a picture by its ending, or by its first bytes."""
+    name = path.name.lower()
+    return name.endswith(PICTURES) or (not name.endswith(_NO_VIEWS) and _begins_as_picture(path))
+
+
+_begins_as_picture = lru_cache(maxsize=MAX_FILES)(begins_as_picture)
+
+
 def natural(name: str) -> list[tuple[int, int, str]]:
     """Sort key that puts view_2 before view_10."""
     return [
         (0, int(part), "") if part.isdecimal() else (1, 0, part)
-        for part in re.split(r"(\d+)", name)
+        for part in re.split(r"(\d+)", unicodedata.normalize("NFC", name))
         if part
     ]
 

@@ -650,7 +650,7 @@ SETS: dict[str, list[PeopleSet]] = {
                 grid(TWELVE, HCI, parameters_cfg=PARAMETERS),
                 one("input_Cam003.png", VIEW.astype(np.uint16) * 257),
             ),
-            "16-bit, but input_Cam006.png",
+            "16-bit, but input_Cam000.png",
         ),
         refuses(
             "beyond the grid of HCI",

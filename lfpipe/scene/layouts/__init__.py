@@ -14,13 +14,13 @@ import numpy as np
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.files.pictures import read_picture
+from lfpipe.files.pictures import open_header, read_picture
 from lfpipe.host.machine import install_command
 from lfpipe.plugins import LAYOUTS, Guarded, PluginError, Results, loaded
-from lfpipe.scene.files import PICTURES, VIDEOS, Listing, library_errors, list_scene
+from lfpipe.scene.files import VIDEOS, Listing, is_picture, library_errors, list_scene
 from lfpipe.scene.layouts._candidates import Candidate, ranked
 from lfpipe.scene.layouts._folders import inner_listing, note_of
-from lfpipe.scene.layouts._grid import GRID_REMEDY, parse_grid
+from lfpipe.scene.layouts._grid import GRID_REMEDY, parse_grid, some
 from lfpipe.scene.layouts._tiles import single_picture
 from lfpipe.scene.layouts.plenoptic import is_honeycomb
 from lfpipe.scene.source import Layout, SceneSource
@@ -106,7 +106,7 @@ _CONVERTED = {  # files that other programs convert to pictures, by suffix
             " --with-aux, the depth of a portrait"
         ),
     ),
-    (".jxl", ".psd", ".exr"): (
+    (".jxl", ".jp2", ".j2k", ".psd", ".xcf", ".exr", ".hdr", ".tga", ".pcx", ".sgi", ".svg"): (
         "a picture in a format that lfpipe does not decode",
         "export it as PNG or JPEG, and give that",
     ),
@@ -159,8 +159,8 @@ def _require_pictures(listing: Listing, certain: bool) -> None:
             raise UserError(f"{listing.file(such[0])}: {what}", remedy)
     kinds = Counter(
         Path(name).suffix.lower()
-        for name in listing.names
-        if not name.lower().endswith((*PICTURES, *_BESIDE))
+        for name in set(listing.names).difference(pictures)
+        if not name.lower().endswith(_BESIDE)
     )
     kind, count = kinds.most_common(1)[0] if kinds else ("", 0)
     if count > max(3, len(pictures)) and not certain:
@@ -196,6 +196,7 @@ def _source_of(known: dict[str, Layout], given: Listing, scene: config.Scene) ->
         else _checked(known, mark, layout, listing, scene)
     )
     source = layout.describe(listing, scene)
+    source = attrs.evolve(source, notes=(*source.notes, *_unused(source)))
     if isinstance(layout, Guarded):  # a plug-in
         source = attrs.evolve(source, read=layout.guard(source, {"read": np.ndarray}).read)
     if inner is not None:
@@ -203,6 +204,22 @@ def _source_of(known: dict[str, Layout], given: Listing, scene: config.Scene) ->
             source, path=given.path, notes=(*source.notes, *filter(None, [note_of(given, inner)]))
         )
     return source
+
+
+def _unused(source: SceneSource) -> list[str]:
+    """Notes of what the pictures of a scene hold besides what is shown."""
+    headers = {path.name: open_header(path) for path in source.files if is_picture(path)}
+    notes = []
+    if clear := [name for name, header in headers.items() if header.alpha]:
+        notes.append(f"transparent parts are shown over grey: {some(clear)}")
+    holding = [
+        name
+        for name, header in headers.items()
+        if header.beside and not (header.eyes and source.cols == header.frames)
+    ]
+    if holding and source.layout not in ("rgbd", "gif"):  # the depth, or frames that are views
+        notes.append(f"not used: {headers[holding[0]].beside} in {some(holding)}")
+    return notes
 
 
 def _match(tries: list[Layout], listing: Listing) -> tuple[int, Layout | None]:

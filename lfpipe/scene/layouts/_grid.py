@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import MAX_DECODING_BYTES, Header, open_header, read_picture, small_grey
-from lfpipe.scene.files import MAX_FILES, Listing
+from lfpipe.scene.files import MAX_FILES, Listing, stem_of
 from lfpipe.scene.layouts._names import MAX_SIDE, NumberedNames, placed, read_names, spaced
 from lfpipe.scene.layouts._running import MAX_PICTURES, Running, lay_out
 from lfpipe.scene.source import GridTransform, SceneSource, ViewIndex
@@ -104,11 +104,14 @@ def files_source(
     )
     headers = headers or {name: open_header(listing.file(name)) for name in views.values()}
     first = headers[views[middle]]
-    for place, name in views.items():
-        for own, usual in ((headers[name].size, first.size), (headers[name].bits, first.bits)):
-            if own != usual:
+    for what in ("size", "bits"):
+        kinds = {name: getattr(headers[name], what) for name in views.values()}
+        usual = Counter(kinds.values()).most_common(1)[0][0]
+        for place, name in views.items():
+            if kinds[name] != usual:
+                like = next(name for name, kind in kinds.items() if kind == usual)
                 raise UserError(
-                    f"{files[place]}: has {own}, but {files[middle].name} has {usual}",
+                    f"{files[place]}: has {kinds[name]}, but {like} has {usual}",
                     "export it again: every view of a light field has the same size and depth",
                 )
     full = first.max_value
@@ -153,18 +156,19 @@ def files_source(
 
 @lru_cache(maxsize=2)
 def _one_per_stem(listing: Listing) -> tuple[str, ...]:
-    """The pictures of a folder, one per stem: of a view in several formats, the one in colour, then
-    the lossless one.
+    """The pictures of a folder, one per stem: of a view in several formats, the stereo pair, then
+    the one in colour, then the lossless one.
     """
     stems: defaultdict[str, list[str]] = defaultdict(list)
     for name in listing.pictures():
-        stems[name.rpartition(".")[0]].append(name)
+        stems[stem_of(name)].append(name)
 
-    def rank(name: str) -> tuple[bool, bool]:
+    def rank(name: str) -> tuple[bool, bool, bool]:
         try:
-            return open_header(listing.file(name)).grey, name.lower().endswith(LOSSY)
+            header = open_header(listing.file(name))
+            return not header.holds_pair, header.grey, name.lower().endswith(LOSSY)
         except UserError:
-            return True, True
+            return True, True, True
 
     return tuple(min(names, key=rank) if len(names) > 1 else names[0] for names in stems.values())
 
@@ -175,8 +179,16 @@ def named_views(listing: Listing) -> NumberedNames | None:
 
 
 def _headers(listing: Listing, names: Sequence[str]) -> tuple[dict[str, Header], set[str]]:
-    """The headers of pictures, and the names of the few whose size differs from the rest."""
+    """The headers of pictures, and the names of the few whose size differs from the rest. Raises
+    UserError if they are scenes of their own.
+    """
     headers = {name: open_header(listing.file(name)) for name in names}
+    if pairs := [name for name, header in headers.items() if header.holds_pair]:
+        raise UserError(
+            f"{listing.path}: {len(pairs)} files hold a stereo pair each: {some(pairs)}",
+            f"give one of them: {listing.file(pairs[0])}; `lfpipe up` shows the whole folder, one"
+            " after the other",
+        )
     usual, count = Counter(header.size for header in headers.values()).most_common(1)[0]
     return headers, {
         name

@@ -15,6 +15,7 @@ from itertools import combinations
 
 import attrs
 
+from lfpipe.scene.files import stem_of
 from lfpipe.scene.layouts._candidates import Candidate, ranked
 from lfpipe.scene.source import ViewIndex
 
@@ -133,7 +134,7 @@ _READINGS = {  # patterns of the numbers in names, the likeliest first
 
 def _stems(names: tuple[str, ...]) -> dict[str, str]:
     """Names without suffixes; the unnumbered original of numbered copies gets a number."""
-    stems = {name: name.rpartition(".")[0] for name in names}
+    stems = {name: stem_of(name) for name in names}
     copies: defaultdict[str, list[tuple[int, str]]] = defaultdict(list)
     for stem in stems.values():
         if match := _COPY.fullmatch(stem):

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import read_picture
-from lfpipe.scene.files import Listing
+from lfpipe.scene.files import Listing, stem_of
 from lfpipe.scene.layouts._candidates import Candidate, ranked
 from lfpipe.scene.layouts._grid import LOSSY, MIN_VIEW_PX, parse_grid
 from lfpipe.scene.layouts._running import Running, likeliest
@@ -27,7 +27,7 @@ from lfpipe.scene.layouts._running import Running, likeliest
 # is at the right and the bottom.
 UNEVEN = {(4096, 4096): (5, 9), (8192, 8192): (5, 9)}
 # Looking Glass: columns, rows, aspect
-QUILT_NAME = re.compile(r"_qs(\d{1,2})x(\d{1,2})(?:a[\d.]+)?", re.IGNORECASE)
+QUILT_NAME = re.compile(r"_qs([1-9][0-9]?)x([1-9][0-9]?)(?:a[\d.]+)?", re.IGNORECASE)
 _SAME_PICTURE = 0.98  # correlation of two files of one picture
 _LOOK_PX = 32  # side of pictures to compare
 _FROM_THE_TOP = "whether its first view is the top left tile: a quilt begins at the bottom left"
@@ -327,7 +327,7 @@ def one_picture_twice(listing: Listing) -> str | None:
     anything else.
     """
     names = listing.pictures()
-    if len(names) != 2 or Path(names[0]).stem.lower() != Path(names[1]).stem.lower():
+    if len(names) != 2 or stem_of(names[0]).lower() != stem_of(names[1]).lower():
         return None
     same = likeness(*(listing.file(name) for name in names)) > _SAME_PICTURE
     return min(names, key=lambda name: name.lower().endswith(LOSSY)) if same else None

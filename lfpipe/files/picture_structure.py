@@ -1,0 +1,289 @@
+"""The structure of picture files, read before any decoder sees them: whether a picture is whole,
+whatever follows it, and how much work it claims. Decoders take as long as a file wants.
+
+JPEG: ITU T.81, annex B; PNG: W3C; GIF89a; TIFF 6.0 and BigTIFF; AVIF: ISO/IEC 14496-12, 23008-12
+(boxes and items), AV1 specification 5.5 (sequence header).
+"""
+
+import re
+import struct
+from collections.abc import Iterator
+from typing import IO, Any
+
+import attrs
+
+# Each scan is one more pass over the whole picture, for a dozen bytes; encoders use some ten.
+MAX_SCANS = 100
+MAX_PICTURES = 4096  # in one file: 64x64 views
+MAX_PARTS = 1 << 17  # chunks or segments: of a PNG, 8 kB each, of the largest picture; a second
+_WINDOW = 1 << 20
+_MAX_SCAN_BYTES = 1 << 29  # twice the largest decoded picture
+_JPEG_MARKER = re.compile(rb"\xff[\x01-\xcf\xd8-\xfe]")  # none of fill, stuffed zeros or restarts
+_TIFF_ORIENTATION = 0x0112
+_TIFF_BYTES = (0, 1, 1, 2, 4, 8, 1, 1, 2, 4, 8, 4, 8, 4, 0, 0, 8, 8, 8)  # of a value, by type
+_MANY_PARTS = f"more than {MAX_PARTS} parts; at most {MAX_PARTS} are read"
+
+
+class BeyondLimitError(ValueError):
+    """A picture that claims more parts than are read."""
+
+
+class _CutError(ValueError):
+    """A part lies behind the end of the file."""
+
+
+@attrs.frozen(kw_only=True)
+class Structure:
+    """What a file says of its picture, as far as decoders do not check it themselves."""
+
+    whole: bool = True
+    end: int | None = None
+    """The first byte behind the picture; None if its format does not tell."""
+    pictures: int = 1
+    orientation_at: int | None = None
+    """Where a TIFF file says its orientation, in two bytes."""
+    coded_px: int | None = None
+    """Of an AVIF picture: pixels in its coded data, whatever its boxes claim."""
+
+
+def examine(file: IO[bytes]) -> Structure:
+    """The structure of the picture in file.
+
+    Raises BeyondLimitError if it has more parts than are read.
+    """
+    file.seek(0)
+    start = file.read(16)
+    try:
+        if start.startswith(b"\xff\xd8\xff"):
+            return Structure(end=_jpeg_end(file))
+        if start.startswith(b"\x89PNG"):
+            return Structure(end=_png_end(file))
+        if start.startswith((b"II*\0", b"II+\0", b"MM\0*", b"MM\0+")):
+            return _tiff(file, start)
+        if start.startswith(b"GIF8"):
+            return Structure(pictures=_gif_pictures(file))
+        if start[4:8] == b"ftyp" and start[8:12] in (b"avif", b"avis"):
+            return Structure(coded_px=_avif_px(file))
+    except _CutError:
+        return Structure(whole=False)
+    return Structure()
+
+
+def _read(file: IO[bytes], at: int, count: int) -> bytes:
+    file.seek(at)
+    data = file.read(count)
+    if len(data) < count:
+        raise _CutError
+    return data
+
+
+def _numbers(file: IO[bytes], at: int, form: str) -> tuple[Any, ...]:
+    return struct.unpack(form, _read(file, at, struct.calcsize(form)))
+
+
+def _limited(count: int, most: int, what: str) -> None:
+    if count > most:
+        raise BeyondLimitError(f"more than {most} {what}; at most {most} are read")
+
+
+def _jpeg_end(file: IO[bytes]) -> int:
+    at = 2
+    scans = 0
+    for _ in range(MAX_PARTS):
+        marker, at = _next_marker(file, at, coded=scans > 0)
+        if marker == 0xD9 and scans:
+            return at
+        if marker in (0xD8, 0xD9):  # another picture begins or ends within this one
+            raise _CutError
+        scans += marker == 0xDA
+        _limited(scans, MAX_SCANS, "scans")
+        if marker != 0x01:
+            at += _numbers(file, at, ">H")[0]
+    raise BeyondLimitError(_MANY_PARTS)
+
+
+def _next_marker(file: IO[bytes], at: int, coded: bool) -> tuple[int, int]:
+    """The code of the next marker of a JPEG, and where it ends. coded: it may follow coded data;
+    otherwise only padding.
+    """
+    last = at + _MAX_SCAN_BYTES
+    size = 64  # between segments, it is there
+    while at < last:
+        file.seek(at)
+        window = file.read(size)
+        if found := _JPEG_MARKER.search(window):
+            if not coded and window[: found.start()].strip(b"\0\xff"):
+                break
+            return window[found.start() + 1], at + found.end()
+        if len(window) < size:
+            break
+        at += size - 1  # its first byte may be the last one here
+        size = _WINDOW
+    raise _CutError
+
+
+def _png_end(file: IO[bytes]) -> int:
+    at = 8
+    for _ in range(MAX_PARTS):
+        length, kind = _numbers(file, at, ">I4s")
+        at += 12 + int(length)
+        if kind == b"IEND":
+            _read(file, at - 4, 4)
+            return at
+    raise BeyondLimitError(_MANY_PARTS)
+
+
+def _tiff(file: IO[bytes], start: bytes) -> Structure:
+    order = "<" if start.startswith(b"I") else ">"
+    big = b"+" in start[2:4]
+    count_form, entry_form, next_form = ("Q", "HHQ8s", "Q") if big else ("H", "HHI4s", "I")
+    at = _numbers(file, 8 if big else 4, order + next_form)[0]
+    size = file.seek(0, 2)
+    count = _numbers(file, at, order + count_form)[0]
+    entry_bytes = struct.calcsize(order + entry_form)
+    first = at + struct.calcsize(order + count_form)
+    _limited(count, MAX_PICTURES, "tags")
+    entries = list(struct.iter_unpack(order + entry_form, _read(file, first, count * entry_bytes)))
+    values = sum(
+        _TIFF_BYTES[kind] * number for _, kind, number, _ in entries if kind < len(_TIFF_BYTES)
+    )
+    _limited(values, size, "bytes in tags")  # each would be read on its own
+    turn = next((k for k, entry in enumerate(entries) if entry[0] == _TIFF_ORIENTATION), None)
+    pictures = 0
+    while at:
+        pictures += 1
+        _limited(pictures, MAX_PICTURES, "pictures in one file")
+        try:
+            count = _numbers(file, at, order + count_form)[0]
+            after = at + struct.calcsize(order + count_form) + count * entry_bytes
+            at = _numbers(file, after, order + next_form)[0]
+        except _CutError:  # of the pictures behind the first, which alone is shown
+            break
+    value = first + entry_bytes - (8 if big else 4)
+    return Structure(
+        pictures=pictures, orientation_at=None if turn is None else value + turn * entry_bytes
+    )
+
+
+def _gif_pictures(file: IO[bytes]) -> int:
+    """The number of its frames; a cut one ends with the last that begins."""
+
+    def table_bytes(flags: int) -> int:
+        return 3 << ((flags & 7) + 1) if flags & 0x80 else 0
+
+    pictures = 0
+    try:
+        at = 13 + table_bytes(_read(file, 10, 1)[0])
+        while (kind := _read(file, at, 1)[0]) in (0x21, 0x2C):
+            if kind == 0x2C:
+                pictures += 1
+                _limited(pictures, MAX_PICTURES, "frames")
+                at += 11 + table_bytes(_read(file, at + 9, 1)[0])
+            else:
+                at += 2
+            while length := _read(file, at, 1)[0]:
+                at += 1 + length
+            at += 1
+    except _CutError:  # its decoder says so
+        pass
+    return max(1, pictures)
+
+
+def _boxes(file: IO[bytes], at: int, end: int) -> Iterator[tuple[bytes, int, int]]:
+    """(kind, begin, end) of the boxes between two places."""
+    for _ in range(MAX_PICTURES):
+        if at + 8 > end:
+            return
+        size, kind = _numbers(file, at, ">I4s")
+        head = 8
+        if size == 1:
+            head = 16
+            size = _numbers(file, at + 8, ">Q")[0]
+        size = size or end - at
+        if size < head:
+            return
+        yield kind, at + head, min(at + size, end)
+        at += size
+
+
+def _avif_px(file: IO[bytes]) -> int | None:
+    """The pixels of all coded items together, by their sequence headers; None if unknown."""
+    size = file.seek(0, 2)
+    for kind, begin, end in _boxes(file, 0, size):
+        if kind == b"meta":
+            for inner, first, last in _boxes(file, begin + 4, end):
+                if inner == b"iloc":
+                    items = _item_places(_read(file, first, last - first))
+                    heads = (_read(file, at, min(64, size - at)) for at in items if at < size)
+                    return sum(map(_sequence_px, heads)) or None
+    return None
+
+
+def _item_places(iloc: bytes) -> list[int]:
+    """Where each item of a box of item locations begins in the file."""
+    version = iloc[0]
+    at = 4
+
+    def number(count: int) -> int:
+        nonlocal at
+        at += count
+        if at > len(iloc):
+            raise _CutError
+        return int.from_bytes(iloc[at - count : at])
+
+    sizes = number(2)
+    offset_bytes, length_bytes, base_bytes, index_bytes = (sizes >> k & 15 for k in (12, 8, 4, 0))
+    places = []
+    count = number(2 if version < 2 else 4)
+    _limited(count, MAX_PICTURES, "items")
+    for _ in range(count):
+        number(2 if version < 2 else 4)
+        within = number(2) & 15 if version else 0
+        number(2)
+        base = number(base_bytes)
+        for extent in range(number(2)):
+            number(index_bytes if version else 0)
+            offset = base + number(offset_bytes)
+            number(length_bytes)
+            if extent == 0 and within == 0:
+                places.append(offset)
+    return places
+
+
+def _sequence_px(data: bytes) -> int:
+    """The pixels of a picture by the AV1 sequence header that it begins with; 0 if unknown."""
+    at = 0
+    kind = -1
+    while at + 2 < len(data) and kind != 1:
+        kind = data[at] >> 3 & 15
+        at += 2 if data[at] & 4 else 1
+        length = 0
+        for shift in range(0, 28, 7):
+            byte = data[at] if at < len(data) else 0
+            length |= (byte & 127) << shift
+            at += 1
+            if byte < 128:
+                break
+        if kind not in (1, 2):
+            return 0
+        at += length if kind == 2 else 0
+    bits = iter("".join(f"{byte:08b}" for byte in data[at : at + 40]).ljust(320, "0"))
+
+    def number(count: int) -> int:
+        return int("".join(next(bits, "0") for _ in range(count)), 2)
+
+    number(4)  # profile, whether it is a still picture
+    if number(1):  # short header
+        number(5)
+    else:
+        if number(1):  # timing, which pictures do not have
+            return 0
+        delays = number(1)
+        for _ in range(number(5) + 1):
+            number(12)
+            if number(5) > 7:
+                number(1)
+            if delays and number(1):
+                number(4)
+    width_bits, height_bits = number(4) + 1, number(4) + 1
+    return (number(width_bits) + 1) * (number(height_bits) + 1)
