@@ -1,8 +1,8 @@
 """A stereo pair: two files (left and right, Middlebury's im2 and im6), or one picture of both (side
 by side, above one another, .jps, .mpo, a spatial photo in HEIC). Two views, left eye first.
 
-.jps: side by side, right eye first (VRex's format). .mpo: concatenated JPEGs, left eye first (CIPA
-DC-007).
+What a JPEG says decides, whatever its ending: the index of its pictures (CIPA DC-007, usually
+.mpo), or a descriptor (VRex's format, usually .jps; without it, the right eye's half comes first).
 """
 
 import re
@@ -19,7 +19,7 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header, read_frames, read_picture
 from lfpipe.scene.files import Listing
-from lfpipe.scene.layouts._grid import files_source, some
+from lfpipe.scene.layouts._grid import MIN_VIEW_PX, files_source, some
 from lfpipe.scene.layouts._names import MAPS, read_names, side_of
 from lfpipe.scene.layouts._tiles import halves, plane_of, reduced, require_picture, single_picture
 from lfpipe.scene.optical_flow import returned_flow, textured
@@ -44,13 +44,20 @@ _GLANCE_PX = 384  # longer side of the compared halves
 _AGREED = 0.5  # minimum share of the detail of two halves that flow matches
 
 
-@attrs.frozen
+# descriptor of a stereo JPEG: bytes of the kind and the arrangement, and bits of a third byte
+_STEREO, _SIDE_BY_SIDE, _OVER_UNDER = 1, 2, 3
+_HALF_HEIGHT, _HALF_WIDTH, _LEFT_FIRST = 1, 2, 4
+
+
+@attrs.frozen(kw_only=True)
 class _Halves:
     """The arrangement of two views in one picture."""
 
     above: bool  # one above the other, else side by side
     squeezed: bool  # to half the width or height
-    named: bool  # stated by the name
+    crossed: bool  # the right eye's picture comes first
+    why: str  # what states that, "" for nothing
+    mark: int  # as `detect` returns it
 
 
 def _pairs(listing: Listing) -> list[tuple[str, str]]:
@@ -110,7 +117,7 @@ def _differ_sideways(a: Path, b: Path) -> bool:
 
 def _alone(listing: Listing) -> Path | None:
     """The only file of the scene that may contain both pictures."""
-    names = [name for name in listing.names if name.lower().endswith((".jps", ".mpo"))]
+    names = [name for name in listing.pictures() if name.lower().endswith((".jps", ".mpo"))]
     return listing.file(names[0]) if len(names) == 1 else single_picture(listing)
 
 
@@ -128,9 +135,15 @@ def are_a_pair(a: NDArray[Any], b: NDArray[Any]) -> bool:
 @lru_cache(maxsize=2)
 def _arrangement(path: Path) -> _Halves | None:
     """The arrangement of the picture at path; None if it does not contain two views."""
+    header = open_header(path)
+    if header.jps is not None:
+        return _described(path, header.jps)
     name = path.stem.lower().replace("_", " ")
+    crossed = bool(_CROSSED.search(name))
+    squeezed = bool(_HALF.search(name))
+    why = "by name or format, the right eye's picture comes first"
     if path.suffix.lower() == ".jps":
-        return _Halves(False, bool(_HALF.search(name)), True)
+        return _Halves(above=False, squeezed=squeezed, crossed=True, why=why, mark=95)
     picture, _ = read_picture(path)
     aspect = picture.shape[1] / picture.shape[0]
     video = _VIDEO_ASPECTS[0] < aspect < _VIDEO_ASPECTS[1]
@@ -140,8 +153,40 @@ def _arrangement(path: Path) -> _Halves | None:
     ):
         named = bool(word.search(name))
         if (named or likely) and are_a_pair(*halves(picture, above)):
-            return _Halves(above, bool(_HALF.search(name)) or video, named)
+            begins = "the name states a format that begins with the left eye's picture" * named
+            return _Halves(
+                above=above,
+                squeezed=squeezed or video,
+                crossed=crossed,
+                why=why if crossed else begins,
+                # the halves of a mosaic are alike, too: unless the name says so, tiles come first
+                mark=65 if named else 55,
+            )
     return None
+
+
+def _described(path: Path, descriptor: int) -> _Halves | None:
+    """The arrangement by the descriptor of a stereo JPEG; None if it is one view. Raises UserError
+    if the views cannot be taken apart.
+    """
+    kind, layout, flags = (descriptor >> shift & 0xFF for shift in (0, 8, 16))
+    if kind != _STEREO:
+        return None
+    if layout not in (_SIDE_BY_SIDE, _OVER_UNDER):
+        raise UserError(
+            f"{path}: its descriptor says that the pictures of both eyes are interleaved or"
+            " overlaid",
+            "export them side by side, or as two files x_left.png and x_right.png",
+        )
+    above = layout == _OVER_UNDER
+    first = "left" if flags & _LEFT_FIRST else "right"
+    return _Halves(
+        above=above,
+        squeezed=bool(flags & (_HALF_HEIGHT if above else _HALF_WIDTH)),
+        crossed=first == "right",
+        why=f"its descriptor says that the {first} eye's picture comes first",
+        mark=95,
+    )
 
 
 def detect(listing: Listing) -> int | None:
@@ -154,13 +199,15 @@ def detect(listing: Listing) -> int | None:
             return 85
         return 55  # left and right take precedence over rows and columns
     path = _alone(listing)
-    if path is None or path.suffix.lower() in (".jps", ".mpo") or open_header(path).eyes:
-        return None if path is None else 95
-    arrangement = _arrangement(path)
-    # the halves of a mosaic are alike, too: unless the name states a format, tiles come first
-    if arrangement is None:
+    if path is None:
         return None
-    return 65 if arrangement.named else 55
+    header = open_header(path)
+    if header.holds_pair or (header.eyes and path.suffix.lower() == ".mpo"):
+        return 95
+    if header.eyes:
+        return 95 if are_a_pair(*read_frames(path, header.eyes)) else None
+    arrangement = _arrangement(path)
+    return None if arrangement is None else arrangement.mark
 
 
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
@@ -181,49 +228,41 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
             notes=notes,
         )
     path = _alone(listing) or require_picture(listing)
+    header = open_header(path)
     full = 255
-    why = ""
-    name = path.stem.lower().replace("_", " ")
-    in_order = (0, 1) if path.suffix.lower() == ".mpo" else open_header(path).eyes
-    if in_order:
-        frames = read_frames(path)
-        views: list[NDArray[Any]] = [frames[eye] for eye in in_order if eye < len(frames)]
-        if len(views) < 2 or views[0].shape != views[1].shape:
-            raise UserError(
-                f"{path}: no two pictures of one size in this {path.suffix} file",
-                "copy it from the camera again",
-            )
-        why = "the format defines which picture is the left eye's"
+    crossed = False
+    if header.eyes:
+        views: list[NDArray[Any]] = list(read_frames(path, header.eyes))
+        stated = header.eyes_sure or path.suffix.lower() == ".mpo"
+        why = "the file defines which picture is the left eye's" * stated
     elif arrangement := _arrangement(path):
         picture, full = read_picture(path)
         views = [np.ascontiguousarray(view) for view in halves(picture, arrangement.above)]
+        if min(views[0].shape[:2]) < MIN_VIEW_PX:
+            raise UserError(
+                f"{path}: {header.size} are too few for two views", "export it in its full size"
+            )
         if arrangement.squeezed:
             x, y = (1, 2) if arrangement.above else (2, 1)
             views = [
                 np.asarray(cv2.resize(view, None, fx=x, fy=y, interpolation=cv2.INTER_LINEAR))
                 for view in views
             ]
-        why = (
-            "the name states a format that begins with the left eye's picture"
-            if arrangement.named
-            else ""
-        )
+        why = arrangement.why
+        crossed = arrangement.crossed
     else:
         raise UserError(
             f"{path}: its halves are not a stereo pair, neither side by side nor one above the"
             " other",
             "give two files x_left.png and x_right.png",
         )
-    crossed = path.suffix.lower() == ".jps" or bool(_CROSSED.search(name))
-    if crossed:
-        why = "by name or format, the right eye's picture comes first"
     return SceneSource(
         certain=bool(why),
         layout=NAME,
         path=listing.path,
         files=(path,),
         rows=1,
-        cols=2,
+        cols=len(views),
         read=lambda frame, row, col: views[col],
         height_px=views[0].shape[0],
         width_px=views[0].shape[1],

@@ -1,0 +1,253 @@
+"""What a picture file says beats its ending and its custom; what it holds besides is named."""
+
+import random
+import struct
+import unicodedata
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from lfpipe import config
+from lfpipe.errors import UserError
+from lfpipe.files.pictures import open_header, read_picture
+from lfpipe.scene import layouts
+from lfpipe.scene.packer import playlist
+from tests.scene import made
+from tests.scene.test_pictures import jpeg
+from tests.scene.writers import one
+from tests.support.stereo_files import (
+    DISPARITY,
+    PANORAMA,
+    THUMBNAIL,
+    UNDEFINED,
+    described,
+    indexed,
+)
+
+AUTO = config.Scene()
+LEFT, MIDDLE, RIGHT = made.views(1, 3, 192, 256, 6.0, -3.0)[0]
+SMALL = cv2.resize(LEFT, (64, 48))
+VIEWS = made.views(3, 3, 48, 64)
+VIDEO = b"\0\0\0\x18ftypmp42\0\0\0\0mp42isom" + random.Random(0).randbytes(150_000)
+
+
+def order(path: Path) -> list[str]:
+    """Which of the views above each view of a scene is, in canonical order."""
+    source = layouts.describe(path, AUTO)
+    turn = source.turn
+    assert turn is not None and source.certain
+    known = {"left": LEFT, "middle": MIDDLE, "right": RIGHT}
+    found = []
+    for col in range(source.cols):
+        view = source.read(0, *turn.file_index(0, col, 1, source.cols)).astype(int)
+        found.append(min(known, key=lambda name: np.abs(view - known[name]).mean()))
+    return found
+
+
+INDEXED = {
+    "two": ([LEFT, RIGHT], [DISPARITY] * 2, None),
+    "previews between": (
+        [LEFT, SMALL, RIGHT, SMALL],
+        [DISPARITY, THUMBNAIL, DISPARITY, THUMBNAIL],
+        None,
+    ),
+    "numbered from the left": ([RIGHT, LEFT], [DISPARITY] * 2, [2, 1]),
+}
+
+
+@pytest.mark.parametrize("name", ["P1030933.JPG", "x.mpo", "x.jfif", "without"])
+@pytest.mark.parametrize("kind", INDEXED)
+def test_the_index_of_a_jpeg_decides_whatever_its_ending(
+    tmp_path: Path, kind: str, name: str
+) -> None:
+    pictures, kinds, numbers = INDEXED[kind]
+    path = one(name, indexed([jpeg(picture) for picture in pictures], kinds, numbers))(tmp_path)
+    assert order(path) == ["left", "right"]
+    notes = " ".join(layouts.describe(path, AUTO).notes)
+    assert ("2 more pictures" in notes) == (len(pictures) == 4)
+
+
+def test_pictures_of_an_index_that_are_no_pair_are_named(tmp_path: Path) -> None:
+    other = made.texture(192, 256, 3)
+    for kinds, second, cols in (
+        ([UNDEFINED] * 2, RIGHT, 2),
+        ([UNDEFINED] * 2, other, 1),
+        ([PANORAMA] * 2, RIGHT, 1),
+        ([UNDEFINED, THUMBNAIL], SMALL, 1),
+    ):
+        path = one("x.jpg", indexed([jpeg(LEFT), jpeg(second)], kinds))(tmp_path)
+        source = layouts.describe(path, AUTO)
+        assert source.cols == cols
+        assert cols == 2 or "1 more picture in x.jpg" in " ".join(source.notes)
+    three = indexed([jpeg(view) for view in (LEFT, MIDDLE, RIGHT)], [DISPARITY] * 3)
+    assert order(one("x.jpg", three)(tmp_path)) == ["left", "middle", "right"]
+
+
+def test_a_card_of_pairs_and_their_flat_twins_is_a_playlist_of_pairs(tmp_path: Path) -> None:
+    pair = indexed([jpeg(LEFT), jpeg(RIGHT)], [DISPARITY] * 2)
+    for number in range(3):
+        one(f"HNI_{number:04d}.MPO", pair)(tmp_path)
+        one(f"HNI_{number:04d}.JPG", jpeg(LEFT))(tmp_path)
+    with pytest.raises(UserError, match="3 files hold a stereo pair each") as refused:
+        layouts.describe(tmp_path, AUTO)
+    assert str(tmp_path / "HNI_0000.MPO") in refused.value.remedy
+    shown = [tmp_path / f"HNI_{number:04d}.MPO" for number in range(3)]
+    assert playlist([tmp_path], AUTO) == shown
+
+
+BESIDE, ABOVE, INTERLEAVED, LEFT_FIRST, HALF_WIDTH = 2, 3, 1, 4, 2
+
+
+@pytest.mark.parametrize("name", ["shelf.jps", "shelf.jpg"])
+def test_the_descriptor_of_a_stereo_jpeg_beats_custom(tmp_path: Path, name: str) -> None:
+    def shown(picture: np.ndarray, layout: int, flags: int, kind: int = 1) -> Path:
+        folder = tmp_path / f"{len(list(tmp_path.iterdir()))}"
+        folder.mkdir()
+        return one(name, described(jpeg(picture), layout, flags, kind))(folder)
+
+    assert order(shown(np.hstack([LEFT, RIGHT]), BESIDE, LEFT_FIRST)) == ["left", "right"]
+    assert order(shown(np.hstack([RIGHT, LEFT]), BESIDE, 0)) == ["left", "right"]
+    assert order(shown(np.vstack([LEFT, RIGHT]), ABOVE, LEFT_FIRST)) == ["left", "right"]
+    half = np.hstack([cv2.resize(view, (128, 192)) for view in (LEFT, RIGHT)])
+    squeezed = shown(half, BESIDE, LEFT_FIRST | HALF_WIDTH)
+    assert order(squeezed) == ["left", "right"]
+    assert layouts.describe(squeezed, AUTO).width_px == 256
+    assert layouts.describe(shown(LEFT, BESIDE, 0, kind=0), AUTO).cols == 1
+    with pytest.raises(UserError, match="interleaved"):
+        layouts.describe(shown(LEFT, INTERLEAVED, LEFT_FIRST), AUTO)
+
+
+@pytest.mark.parametrize("ending", ["", ".jfif", ".jpe", ".insp", ".JPEG_large", ".0001"])
+def test_jpegs_open_whatever_their_ending(tmp_path: Path, ending: str) -> None:
+    for row, col in np.ndindex(3, 3):
+        one(f"view_{row}_{col}{ending}", jpeg(VIEWS[row, col]))(tmp_path)
+    (tmp_path / "notes").write_text("no picture")
+    source = layouts.describe(tmp_path, AUTO)
+    assert (source.rows, source.cols) == (3, 3)
+    assert layouts.describe(source.files[0], AUTO).layout == "picture"
+
+
+def test_kinds_that_are_not_read_are_named_with_a_way_out(tmp_path: Path) -> None:
+    for name, data, word in (
+        ("a.tga", b"\0\0\2", "format that lfpipe does not decode"),
+        ("a.jpg", b"\xff\x0a" + bytes(40), "JPEG XL"),
+        ("a.png", b"<!DOCTYPE html>" + bytes(40), "web page"),
+        ("a.tif", b"%PDF-1.4" + bytes(40), "PDF"),
+        ("a.webp", b"\0\0\0\x18ftypmp42" + bytes(40), "a video"),
+    ):
+        with pytest.raises(UserError, match=word) as refused:
+            layouts.describe(one(name, data)(tmp_path), AUTO)
+        assert refused.value.remedy
+
+
+ENDS = ("jpg", "png", "tif", "webp", "bmp", "ppm", "gif", "avif", "heic")
+
+
+def picture_as(ending: str, path: Path) -> Path:
+    image = Image.fromarray(LEFT)
+    if ending == "heic":
+        pytest.importorskip("pillow_heif").register_heif_opener()
+    image.save(path / f"x.{ending}", "HEIF" if ending == "heic" else None)
+    return path / f"x.{ending}"
+
+
+@pytest.mark.parametrize("ending", ENDS)
+def test_a_whole_picture_may_be_followed_by_anything_and_a_cut_one_may_not(
+    tmp_path: Path, ending: str
+) -> None:
+    path = picture_as(ending, tmp_path)
+    data = path.read_bytes()
+    pixels, _ = read_picture(path)
+    for after in (b"\0", VIDEO, data, jpeg(SMALL)):
+        path.write_bytes(data + after)
+        assert np.array_equal(read_picture(path)[0], pixels)
+        if ending in ("jpg", "png") and len(after) > 1:
+            assert "behind the picture" in open_header(path).beside
+    cut = len(data) * 2 // 3
+    following = (VIDEO, jpeg(SMALL)) if ending in ("jpg", "png", "gif") else ()
+    for after in (b"", *following):  # where a cut picture can be told from one that goes on
+        path.write_bytes(data[:cut] + after)
+        with pytest.raises(UserError, match=r"truncated|damaged"):
+            read_picture(path)
+
+
+@pytest.mark.parametrize("deep", [False, True])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_turned_tiff_files_open_upright(tmp_path: Path, orientation: int, deep: bool) -> None:
+    stored = LEFT.astype(np.uint16) * 257 if deep else LEFT
+    cv2.imwrite(str(tmp_path / "a.tif"), stored[..., ::-1])
+    data = bytearray((tmp_path / "a.tif").read_bytes())
+    mark = "<" if data[:2] == b"II" else ">"
+    at = struct.unpack_from(mark + "I", data, 4)[0]
+    count = struct.unpack_from(mark + "H", data, at)[0]
+    entries = [bytes(data[at + 2 + 12 * k : at + 14 + 12 * k]) for k in range(count)]
+    entries = [entry for entry in entries if struct.unpack_from(mark + "H", entry)[0] != 274]
+    entries.append(struct.pack(mark + "HHIHH", 274, 3, 1, orientation, 0))
+    entries.sort(key=lambda entry: struct.unpack_from(mark + "H", entry)[0])
+    struct.pack_into(mark + "I", data, 4, len(data))
+    table = struct.pack(mark + "H", len(entries)) + b"".join(entries) + bytes(4)
+    (tmp_path / "a.tif").write_bytes(bytes(data) + table)
+    turned = {
+        1: stored,
+        2: stored[:, ::-1],
+        3: stored[::-1, ::-1],
+        4: stored[::-1],
+        5: stored.swapaxes(0, 1),
+        6: np.rot90(stored, -1),
+        7: stored.swapaxes(0, 1)[::-1, ::-1],
+        8: np.rot90(stored),
+    }
+    pixels, _ = read_picture(tmp_path / "a.tif")
+    assert np.array_equal(pixels, turned[orientation])
+    header = open_header(tmp_path / "a.tif")
+    assert (header.height_px, header.width_px) == pixels.shape[:2]
+
+
+def test_transparent_parts_are_grey_and_said(tmp_path: Path) -> None:
+    hidden = np.dstack([VIEWS[0, 0], np.zeros((48, 64), np.uint8)])
+    hidden[:, :32, 3] = 255
+    for mode, ending in (("RGBA", "png"), ("RGBA", "webp"), ("RGBA", "tif"), ("LA", "png")):
+        Image.fromarray(hidden).convert(mode).save(tmp_path / f"a.{ending}", lossless=True)
+        pixels, _ = read_picture(tmp_path / f"a.{ending}")
+        assert (pixels[:, 32:] == 128).all() and pixels[:, :32].std() > 5
+    palette = Image.fromarray(VIEWS[0, 0]).quantize(4)
+    palette.save(tmp_path / "a.png", transparency=bytes(4))
+    assert (read_picture(tmp_path / "a.png")[0] == 128).all()
+    (tmp_path / "views").mkdir()
+    for row, col in np.ndindex(3, 3):
+        view = np.dstack([VIEWS[row, col], np.full((48, 64), 250, np.uint8)])
+        Image.fromarray(view).save(tmp_path / "views" / f"view_{row:02d}_{col:02d}.png")
+    notes = " ".join(layouts.describe(tmp_path / "views", AUTO).notes)
+    assert "over grey: view_00_00.png" in notes and "5 more" in notes
+
+
+def test_the_odd_view_is_named_wherever_it_is(tmp_path: Path) -> None:
+    for odd in ("view_00_00.png", "view_01_01.png"):
+        folder = made.write_grid(tmp_path / odd, VIEWS)
+        made.write(folder / odd, VIEWS[0, 0].astype(np.uint16) * 257)
+        with pytest.raises(UserError, match=f"{odd}: has 16-bit"):
+            layouts.describe(folder, AUTO)
+
+
+def test_accents_in_names_count_once_however_they_are_written(tmp_path: Path) -> None:
+    for row, col in np.ndindex(3, 3):
+        name = f"é_{row}_{col}.png"
+        name = unicodedata.normalize("NFD", name) if row == 1 else name
+        made.write(tmp_path / name, VIEWS[row, col])
+    source = layouts.describe(tmp_path, AUTO)
+    assert (source.rows, source.cols) == (3, 3)
+
+
+@pytest.mark.parametrize("name", ["x_qs0x0a0.png", "x_qs0x9.png", "x_qs5x0a0.75.png"])
+def test_a_quilt_of_nothing_is_a_picture(tmp_path: Path, name: str) -> None:
+    assert layouts.describe(one(name, LEFT)(tmp_path), AUTO).layout == "picture"
+
+
+@pytest.mark.parametrize("size", [(1, 48), (48, 1), (1, 1), (23, 48)])
+def test_halves_too_small_for_a_view_are_refused(tmp_path: Path, size: tuple[int, int]) -> None:
+    small = cv2.resize(LEFT, size)
+    with pytest.raises(UserError, match="too few for two views"):
+        layouts.describe(one("x.jps", jpeg(small))(tmp_path), AUTO)
