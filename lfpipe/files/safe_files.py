@@ -10,7 +10,7 @@ import secrets
 import shutil
 import stat
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from io import BufferedReader, BufferedWriter
 from pathlib import Path
@@ -24,6 +24,7 @@ PRIVATE_FOLDER = 0o700
 MAX_FILE_BYTES = 1 << 36  # an hour of lossless light-field video is smaller
 LONGEST_LINE = 1 << 16  # bytes of a `LineFile`; limit of the search for the end of the last line
 WORK_NAME = re.compile(r"\.lfpipe-[0-9a-f]{16}\.new.{0,40}")  # of an `OutputFile`
+_watchers: list[Callable[[Path], None]] = []
 _LABEL = "written by lfpipe: temporary"  # file in a `temporary_folder`
 
 
@@ -81,6 +82,13 @@ def open_regular(path: Path) -> BufferedReader:
     return file
 
 
+def watch_files(notice: Callable[[Path], None]) -> None:
+    """Calls notice with every path that `open_file` opens from now on: a library that reads it may
+    crash.
+    """
+    _watchers.append(notice)
+
+
 def open_file(path: Path, most_bytes: int = MAX_FILE_BYTES) -> BufferedReader:
     """As `open_regular`. Raises UserError, also if the file has more than most_bytes."""
     try:
@@ -96,6 +104,8 @@ def open_file(path: Path, most_bytes: int = MAX_FILE_BYTES) -> BufferedReader:
             f"{path}: has {size} bytes; at most {most_bytes} are allowed",
             "check that its name is right",
         )
+    for notice in _watchers:
+        notice(path)
     return file
 
 

@@ -2,17 +2,21 @@
 
 The parent writes one line to the child's standard input and keeps the pipe open: its end tells the
 child that the parent is gone. The child prints a JSON object for each step and, last, its verdict:
-{"ok": true, "result": {...}} or {"ok": false, "error": ..., "remedy": ...}. The parent never waits
-longer than it wants, keeps little of the output, and survives whatever the child does.
+{"ok": true, "result": {...}} or {"ok": false, "error": ..., "remedy": ...}. {"reading": path} names
+the file that it opens, for messages. The parent never waits longer than it wants, keeps little of
+the output, and survives whatever the child does.
 """
 
+import contextlib
 import json
 import os
+import signal
 import sys
 import threading
 import time
 from collections.abc import Callable
 from multiprocessing import connection
+from pathlib import Path
 from typing import Any
 
 from lfpipe.errors import UserError
@@ -22,6 +26,10 @@ from lfpipe.host.processes import cpu_ns
 
 MAX_LINE_BYTES = 1 << 20  # of the child's output; a longer line is not one of ours
 MAX_LOG_BYTES = 2000  # the end of what the child wrote to stderr
+# how a process ends when a library in it crashes
+CRASHES = (signal.SIGSEGV, signal.SIGBUS, signal.SIGABRT, signal.SIGFPE, signal.SIGILL)
+DAMAGED = "it is damaged, it seems: download it again, or convert it with another program"
+SMALLER = "use smaller or fewer pictures, or convert them with another program"
 LAST_OUTPUT_S = 0.5  # how long what a child wrote before its end may take to arrive
 
 Report = Callable[..., None]  # report(key=value, ...): one line for the parent
@@ -51,6 +59,7 @@ class Worker:
         self._step_s = self._look_s = time.monotonic()
         self._step_cpu_ns = self._look_cpu_ns = 0
         self._computes = True
+        self._reading = ""  # the file that it opened last
 
     def on_step(self, step: dict[str, Any]) -> None:
         """A step of the child, not checked. Subclasses keep what they need."""
@@ -101,6 +110,9 @@ class Worker:
             return
         if not isinstance(step, dict):
             return
+        if "reading" in step:
+            self._reading = str(step["reading"])
+            return
         self._step_s = time.monotonic()
         self._step_cpu_ns = cpu_ns(self._process.pid)
         if "ok" in step:
@@ -126,23 +138,38 @@ class Worker:
         self.read()
         while ended is not None and self._open and connection.wait(self.fds, LAST_OUTPUT_S):
             self.read()
+        file = self._open_file() if ended is None else self._reading or self.subject
         self.close()
-        if ended is None:
-            raise UserError(
-                f"{self.subject}: no progress within {self._patience.limit_s:g} s",
-                "check its disk or network drive",
-            )
         verdict = self._verdict or {}
+        if ended is None:
+            raise self._too_slow(file)
         if verdict.get("ok") is True and isinstance(verdict.get("result"), dict):
             return dict(verdict["result"])
         if verdict.get("ok") is False and isinstance(verdict.get("error"), str):
             raise UserError(verdict["error"], str(verdict.get("remedy", "")))
         how = f"signal {-ended}" if ended < 0 else f"exit code {ended}"
         log = self._log.decode(errors="replace").strip()
-        why = f"{self.subject}: the process that read it ended with {how}" + (
+        why = f"{file}: the process that read it ended with {how}" + (
             f": {log.splitlines()[-1]}" if log else ""
         )
-        raise UserError(why, "use smaller or fewer pictures, or convert them with another program")
+        raise UserError(why, DAMAGED if ended > 0 or -ended in CRASHES else SMALLER)
+
+    def _too_slow(self, file: str) -> UserError:
+        limit_s = self._patience.limit_s
+        if self._computes:
+            return UserError(f"{file}: no progress within {limit_s:g} s of CPU time", DAMAGED)
+        return UserError(
+            f"{file}: no progress within {limit_s:g} s", "check its disk or network drive"
+        )
+
+    def _open_file(self) -> str:
+        """The file of the subject that the child has open; else the last that it opened."""
+        within = os.path.realpath(self.subject)
+        with contextlib.suppress(OSError):  # without /proc
+            for link in Path(f"/proc/{self._process.pid}/fd").iterdir():
+                if (path := os.path.realpath(link)).startswith(within):
+                    return path
+        return self._reading or self.subject
 
     def close(self) -> None:
         """Kills the child."""
@@ -157,8 +184,11 @@ def serve(work: Serve, memory_bytes: int) -> None:
     out = os.dup(1)
     os.dup2(2, 1)  # what libraries print does not belong into the answer
     lock = threading.Lock()
+    reading = ""
 
     def report(**step: Any) -> None:
+        nonlocal reading
+        reading = step.get("reading", reading)
         data = json.dumps(step).encode() + b"\n"
         with lock:
             while data:
@@ -172,6 +202,8 @@ def serve(work: Serve, memory_bytes: int) -> None:
         except UserError as error:
             report(ok=False, error=error.message, remedy=error.remedy)
         except MemoryError:
-            message = f"reading it needs more than {memory_bytes >> 20} MB of memory"
-            report(ok=False, error=message, remedy="use smaller or fewer pictures")
+            needs = (
+                f"{reading or 'it'}: needs more than {memory_bytes >> 20} MB of memory to be read"
+            )
+            report(ok=False, error=needs, remedy="use smaller or fewer pictures")
     os._exit(0)  # the thread still blocks in read

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from lfpipe.config import Scene, converter
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area
+from lfpipe.files.safe_files import watch_files
 from lfpipe.host.files import is_dir
 from lfpipe.host.worker import Report, serve
 from lfpipe.scene import layouts
@@ -75,6 +76,7 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
     scene_log.setLevel(logging.INFO)
     scene_log.handlers = [_LogOfParent(report)]
     paths = [Path(text) for text in asked.scenes]
+    watch_files(lambda path: report(reading=str(path)))
 
     def progress(what: str, done: int, total: int) -> None:
         report(step=what, done=done, total=total)

@@ -226,6 +226,12 @@ def _hdf5(path: Path) -> Any:
         return h5py.File(proc_fd_path(file), "r")
 
 
+def _names(path: Path, file: Any) -> list[str]:
+    """The names of a file's first objects. Raises UserError if they are not UTF-8."""
+    with _damage(path, "the names of its arrays cannot be read"):
+        return list(itertools.islice(file, 100))
+
+
 def _hdf5_array(path: Path, file: Any, *keys: str) -> Any:
     """The first of these numeric arrays in a file: an array, or a data set that reads like one;
     None if there is none. Raises UserError if it links to another file.
@@ -340,7 +346,7 @@ def _matlab_array(path: Path) -> tuple[Any, list[str]]:
     with open_file(path) as file:
         if h5py.is_hdf5(proc_fd_path(file)):  # v7.3, after MATLAB's own header
             data = _hdf5(path)
-            return _hdf5_array(path, data, *_KEYS), [*data]
+            return _hdf5_array(path, data, *_KEYS), _names(path, data)
         try:
             import scipy.io
         except ImportError:
@@ -393,7 +399,8 @@ def _is_one_number(stored: Any) -> bool:
 
 def _hci_old_source(listing: Listing, path: Path) -> SceneSource:
     file = _hdf5(path)
-    source = _ordered_source("hci-old", listing, path, _hdf5_array(path, file, *_KEYS), [*file])
+    names = _names(path, file)
+    source = _ordered_source("hci-old", listing, path, _hdf5_array(path, file, *_KEYS), names)
     with _damage(path, "the attributes cannot be read"):
         values = {
             name: float(np.ravel(file.attrs[name])[0])
