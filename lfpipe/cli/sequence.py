@@ -1,6 +1,7 @@
 """`lfpipe record` and `lfpipe sequence`: records a camera; inspects and converts sequences."""
 
 import contextlib
+import itertools
 import json
 import math
 import os
@@ -136,18 +137,21 @@ def check(paths: tuple[Path, ...]) -> int:
 def _check(path: Path) -> None:
     recorded = open_sequence(path, verify=False)
     read_frame = recorded.eyes if recorded.holds_eyes else recorded.frame
-    checks = [partial(read_frame, seq) for seq in range(len(recorded.packets))]
-    errors: list[UserError] = []
-    for check_one in (*checks, partial(read_truth, path), partial(check_sums, recorded)):
+    checks = (partial(read_frame, seq) for seq in range(len(recorded.packets)))
+    more = (partial(read_truth, path), partial(check_sums, recorded))
+    said: list[str] = []
+    count = 0
+    remedy = ""
+    for check_one in itertools.chain(checks, more):
         try:
             check_one()
-        except UserError as error:
-            errors.append(error)
-    if errors:
-        more = [f"and {len(errors) - MAX_ERRORS} more"] * (len(errors) > MAX_ERRORS)
-        raise UserError(
-            "\n  ".join([error.message for error in errors[:MAX_ERRORS]] + more), errors[0].remedy
-        )
+        except UserError as error:  # whose traceback holds the whole frame
+            count += 1
+            said += [error.message] * (count <= MAX_ERRORS)
+            remedy = remedy or error.remedy
+    if said:
+        said += [f"and {count - MAX_ERRORS} more"] * (count > MAX_ERRORS)
+        raise UserError("\n  ".join(said), remedy)
     state = (
         "complete"
         if recorded.complete

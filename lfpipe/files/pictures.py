@@ -121,12 +121,13 @@ class Header:
 
 
 def header_of(data: bytes | memoryview) -> Header | None:
-    """The header of a picture in memory, whole or not; None if its format is not supported.
-
-    Raises BeyondLimitError if it has more parts than are read.
+    """The header of a picture in memory, whole or not; None if its format is not supported, or if
+    it has more parts than are read.
     """
     file = io.BytesIO(data)
-    return _header(file, examine(file))
+    with contextlib.suppress(BeyondLimitError):
+        return _header(file, examine(file))
+    return None
 
 
 @lru_cache(maxsize=1)

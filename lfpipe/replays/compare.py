@@ -33,7 +33,7 @@ from lfpipe.replays.report import (
     read_report,
     read_trace,
 )
-from lfpipe.sequence.packets import INDEX, decoded, encoded, read_index, read_packet
+from lfpipe.sequence.packets import INDEX, Packets, decoded, encoded, read_index, read_packet
 
 VERSION_PX = 0.05  # of eyes
 TOLERANCES = {  # name in the trace -> (absolute, relative), where versions differ
@@ -289,7 +289,7 @@ def _stored(folder: Path, lines: list[Line]) -> Callable[[str], NDArray[np.uint8
     """
     place = folder / PICTURES
     digest_of = {line["source_seq"]: line["picture"] for line in lines}
-    packets = read_index(place, complete=True) if os.path.lexists(place / INDEX) else []
+    packets = read_index(place, complete=True) if os.path.lexists(place / INDEX) else Packets()
     by_digest = {
         digest_of[packet.source_seq]: packet for packet in packets if packet.source_seq in digest_of
     }

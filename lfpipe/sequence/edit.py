@@ -4,7 +4,9 @@ If anything fails, existing files are unchanged and unfinished new files are rem
 """
 
 import errno
+import itertools
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -44,22 +46,25 @@ def cut(sequence: Sequence, out: Path, begin_s: float, end_s: float) -> int:
         "end_s": min(end_s, sequence.duration_s),
     }
     source = str(sequence.manifest.get("source", ""))
-    truth = sequence.path / TRUTH
-    try:
-        rows = (
-            [row for _, row in lines(truth, LINE_BYTES, REMEDY)] if os.path.lexists(truth) else []
-        )
-    except OSError as error:
-        raise UserError(f"{truth}: cannot be read: {reason(error)}", REMEDY) from None
     with new_sequence(out, source, sequence.size_px, sequence.rate_hz, **about) as writer:
         for p in map(sequence.packets.__getitem__, chosen):
             writer.append(
                 sequence.data(p.seq), p.codec, p.source_seq, p.epoch, p.t_sensor_ns, p.t_read_ns
             )
-        if rows:
+        if os.path.lexists(truth := sequence.path / TRUTH):
             with create_private(out / TRUTH) as file:
-                file.writelines([rows[0], *rows[chosen[0] + 1 : chosen[-1] + 2]])
+                file.writelines(_rows(truth, chosen[0], chosen[-1]))
     return len(chosen)
+
+
+def _rows(truth: Path, first: int, last: int) -> Iterator[bytes]:
+    """The head of a table, and its rows from first to last. Raises UserError."""
+    try:
+        for number, row in itertools.islice(lines(truth, LINE_BYTES, REMEDY), last + 2):
+            if number == 1 or number >= first + 2:
+                yield row
+    except OSError as error:
+        raise UserError(f"{truth}: cannot be read: {reason(error)}", REMEDY) from None
 
 
 def export(sequence: Sequence, video: Path) -> Path:

@@ -16,7 +16,7 @@ from lfpipe.errors import UserError, quoted
 from lfpipe.eyes import EYES
 from lfpipe.files.safe_files import lines, reason
 from lfpipe.files.untrusted import finite, json_fields
-from lfpipe.sequence.packets import COPY
+from lfpipe.sequence.packets import COPY, MAX_PACKETS
 
 TRUTH = "truth.csv"
 COLUMNS = ("left_x_px", "left_y_px", "right_x_px", "right_y_px")
@@ -148,6 +148,8 @@ def table_of(path: Path) -> Truth:
                 raise UserError(
                     f"{where}: times must rise: t_ns is {quoted(t_ns)}, after {last_ns}", REMEDY
                 )
+            if len(stamps) == MAX_PACKETS:
+                raise UserError(f"{where}: more than {MAX_PACKETS} rows", REMEDY)
             stamps.append(t_ns)
             visible.append(row.get("visible") != "0")
             still.append(row.get("phase") == "still")

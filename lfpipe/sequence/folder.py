@@ -39,12 +39,13 @@ from lfpipe.host.files import exists
 from lfpipe.sequence.eyes import TRUTH, eyes_of
 from lfpipe.sequence.packets import (
     COPY,
+    HEADER_BYTES,
     INDEX,
     LINE_BYTES,
     MAX_PACKETS,
     MAX_PIXELS,
     PACKETS,
-    Packet,
+    Packets,
     PacketWriter,
     decoded,
     read_index,
@@ -173,7 +174,7 @@ class Sequence:
 
     path: Path
     manifest: dict[str, Any]
-    packets: list[Packet]
+    packets: Packets
     width_px: int
     height_px: int
     rate_hz: float
@@ -207,7 +208,7 @@ class Sequence:
     @property
     def codecs(self) -> set[str]:
         """The codecs of its packets."""
-        return {packet.codec for packet in self.packets}
+        return self.packets.codecs
 
     @property
     def holds_eyes(self) -> bool:
@@ -256,10 +257,18 @@ def open_sequence(path: Path, verify: bool = True) -> Sequence:
     complete = fields.flag("complete")
     frames = fields.integer("frames", 1, MAX_PACKETS) if complete else MAX_PACKETS
     packets = read_index(path, complete, frames)
-    if not packets:
+    if not len(packets):
         raise UserError(f"{path}: contains no whole frame", "record it again")
     if complete and len(packets) != frames:
         raise UserError(f"{path}: {len(packets)} frames, but {frames} were recorded", COPY)
+    largest = packets.largest()
+    most = 3 * width_px * height_px + HEADER_BYTES
+    if largest.bytes > most:
+        raise UserError(
+            f"{path}: frame {largest.seq} has {largest.bytes} bytes; one of {width_px}x{height_px}"
+            f" has at most {most}",
+            COPY,
+        )
     sequence = Sequence(
         path=path,
         manifest=dict(fields.values),

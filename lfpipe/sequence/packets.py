@@ -12,9 +12,12 @@ picture but a line of JSON, recorded where the mouse is the viewer.
 """
 
 import errno
+import io
 import json
 import os
 import zlib
+from array import array
+from collections.abc import Iterator
 from pathlib import Path
 
 import attrs
@@ -24,23 +27,27 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import picture_of
-from lfpipe.files.pictures import header_of
+from lfpipe.files.picture_structure import BeyondLimitError, examine
+from lfpipe.files.pictures import MAX_DECODING_BYTES, header_of
 from lfpipe.files.safe_files import PRIVATE, check_regular, lines, open_regular, reason
 from lfpipe.files.untrusted import json_fields
 from lfpipe.host.files import CREATING, exists
 
 PACKETS, INDEX = "frames.bin", "frames.jsonl"
 CODECS = ("jpeg", "png", "raw", "eyes")
-MAX_PIXELS = 8192 * 8192  # of a frame
-# a packet is at most as large as the raw frame, plus headers
-PACKET_BYTES = 3 * MAX_PIXELS + (1 << 20)
-MAX_PACKETS = 1 << 20  # 9.7 hours at 30 Hz; each takes 300 bytes of memory
+MAX_PIXELS = MAX_DECODING_BYTES // 6  # of a frame; `picture_of` decodes no more; 8K: 33 million
+HEADER_BYTES = 1 << 20  # a packet is at most as large as the raw frame, plus headers
+PACKET_BYTES = 3 * MAX_PIXELS + HEADER_BYTES
+EYES_BYTES = 4096  # of a packet of eyes: as JSON it takes forty times as much; one of ours has 400
+# A packet and what decodes it: who checks a sequence needs at most 300 MB, 80 MB of it for itself.
+DECODING_BYTES = 210_000_000
+MAX_PACKETS = 1 << 20  # 9.7 hours at 30 Hz; each takes 65 bytes of memory
 LINE_BYTES = 1024  # one of ours has some 150
 COPY = "copy the whole folder again from where it was recorded"
 REPAIR = "copy the frames before it with `lfpipe sequence cut`"
-# of a JPEG: each scan of a dozen bytes can cost one more pass over the whole picture
-SCAN = b"\xff\xda"
-MAX_SCANS = 100
+# bytes per pixel: imdecode needs two pictures, a progressive JPEG two bytes for each coefficient
+_PICTURE_BYTES, _PROGRESSIVE_BYTES = 6, 12
+_PROGRESSIVE = b"\xff\xc2"  # the frame header of such a JPEG
 FORMATS = {"jpeg": "JPEG", "png": "PNG"}  # codec -> name of the picture's format
 _TIME_NS = 1 << 61  # keeps differences, and sums over loops of the recording, within 64 bits
 BOUNDS = {  # field of a line with a number -> (lowest, highest)
@@ -73,6 +80,40 @@ class Packet:
     crc32: int
 
 
+class Packets:
+    """The packets of an index in order, in little memory."""
+
+    def __init__(self) -> None:
+        self._numbers = {name: array("q") for name in BOUNDS}
+        self._codecs = bytearray()
+
+    def append(self, packet: Packet) -> None:
+        """Adds a packet at the end."""
+        for name, numbers in self._numbers.items():
+            numbers.append(getattr(packet, name))
+        self._codecs.append(CODECS.index(packet.codec))
+
+    def __len__(self) -> int:
+        return len(self._codecs)
+
+    def __getitem__(self, index: int) -> Packet:
+        numbers = {name: numbers[index] for name, numbers in self._numbers.items()}
+        return Packet(codec=CODECS[self._codecs[index]], **numbers)
+
+    def __iter__(self) -> Iterator[Packet]:
+        return map(self.__getitem__, range(len(self)))
+
+    def largest(self) -> Packet:
+        """The first of the packets with the most bytes."""
+        sizes = self._numbers["bytes"]
+        return self[sizes.index(max(sizes))]
+
+    @property
+    def codecs(self) -> set[str]:
+        """The codecs that occur."""
+        return {CODECS[code] for code in set(self._codecs)}
+
+
 def line_of(packet: Packet) -> bytes:
     """The line of the index."""
     return json.dumps(attrs.asdict(packet)).encode() + b"\n"
@@ -83,19 +124,22 @@ def parse_line(line: bytes, where: str) -> Packet:
     fields = json_fields(line, where, COPY)
     if (codec := fields.text("codec")) not in CODECS:
         raise UserError(f"{where}: codec is {codec!r}, expected one of {', '.join(CODECS)}", COPY)
-    return Packet(
-        codec=codec, **{name: fields.integer(name, *bounds) for name, bounds in BOUNDS.items()}
-    )
+    numbers = {name: fields.integer(name, *bounds) for name, bounds in BOUNDS.items()}
+    if codec == "eyes" and numbers["bytes"] > EYES_BYTES:
+        raise UserError(
+            f"{where}: {numbers['bytes']} bytes of eyes; at most {EYES_BYTES} are read", COPY
+        )
+    return Packet(codec=codec, **numbers)
 
 
-def read_index(folder: Path, complete: bool, most: int = MAX_PACKETS) -> list[Packet]:
+def read_index(folder: Path, complete: bool, most: int = MAX_PACKETS) -> Packets:
     """The packets in folder, in order, `most` at most. complete: the recording ended properly, so
     all its frames must exist.
 
     Raises UserError with the first frame that is missing, damaged or out of order.
     """
     path = folder / INDEX
-    packets = list[Packet]()
+    packets = Packets()
     end = 0
     last_ns = -_TIME_NS - 1
     try:
@@ -190,18 +234,27 @@ def decoded(
     shape = (height_px, width_px, 3)
     if codec == "raw" and len(data) == 3 * width_px * height_px:
         return np.frombuffer(data, np.uint8).reshape(shape)
+    pixels = width_px * height_px
+    progressive = codec == "jpeg" and _PROGRESSIVE in data
+    px_bytes = _PROGRESSIVE_BYTES if progressive else _PICTURE_BYTES
+    needs = len(data) + px_bytes * pixels
     header = header_of(data) if codec in FORMATS else None
+    try:
+        examine(io.BytesIO(data))
+    except BeyondLimitError as error:
+        wrong = f"a {codec} picture with {error}"
+    if codec in FORMATS and needs > DECODING_BYTES:
+        limit = f"at most {DECODING_BYTES / 1e6:.0f} MB are used"
+        wrong = f"decoding it needs {needs / 1e6:.0f} MB; {limit}"
     if (
-        header is not None
+        not wrong
+        and header is not None
         and header.format == FORMATS[codec]
-        and header.width_px * header.height_px == width_px * height_px
+        and header.width_px * header.height_px == pixels
+        and (picture := picture_of(np.frombuffer(data, np.uint8))) is not None
+        and picture.shape == shape
     ):
-        if codec == "jpeg" and (scans := data.count(SCAN)) > MAX_SCANS:
-            wrong = f"a jpeg picture with {scans} scans; at most {MAX_SCANS} are decoded"
-        elif (
-            picture := picture_of(np.frombuffer(data, np.uint8))
-        ) is not None and picture.shape == shape:
-            return picture
+        return picture
     wrong = wrong or f"not a whole {codec} picture of {width_px}x{height_px}"
     raise UserError(f"{folder}: frame {packet.seq}: {wrong}", REPAIR)
 
@@ -211,7 +264,7 @@ class PacketWriter:
 
     def __init__(self, folder: Path) -> None:
         """Raises OSError if the files cannot be written."""
-        packets = read_index(folder, complete=False) if exists(folder / INDEX) else []
+        packets = read_index(folder, complete=False) if exists(folder / INDEX) else Packets()
         self.count = len(packets)
         self._ends = [
             sum(packet.bytes for packet in packets),

@@ -9,6 +9,7 @@ import shutil
 import stat
 import sys
 import tempfile
+import zlib
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -112,6 +113,12 @@ def bombs() -> dict[str, tuple[str, bytes]]:
         "jpeg cut off": ("jpeg", jpeg[:600]),
         "png of 20000x20000": ("png", hostile_files.png_of(20_000, 20_000)),
         "png that is a jpeg": ("png", jpeg),
+        "jpeg of many segments": ("jpeg", jpeg[:2] + b"\xff\xe5\0\2" * 300_000 + jpeg[2:]),
+        "progressive jpeg of 36 million px": (
+            "jpeg",
+            hostile_files.jpeg_claiming(progressive, 6000, 6000),
+        ),
+        "jpeg and 200 MB": ("jpeg", jpeg + bytes(110_000_000)),
         "nothing": ("png", b""),
         "raw of another size": ("raw", b"\0" * (64 * 48 * 3 - 1)),
     }
@@ -157,12 +164,39 @@ def many_frames(folder: Path) -> None:
     long_file(INDEX, b"", LINE.replace(b"SIZE", str(size).encode()), 300_000, folder)
 
 
+def eyes_only(data: bytes, folder: Path) -> None:
+    put_packets(
+        folder, [({**line, "codec": "eyes"}, data) for line, _ in hostile_sequences.packets(folder)]
+    )
+    hostile_sequences.sign(folder)
+
+
+def large_frames(folder: Path) -> None:
+    """Six frames of 45 MB each: what is said of one must not hold it."""
+    size = 45_000_000
+    zeros = zlib.crc32(bytes(size))
+    lines = [line for line, _ in hostile_sequences.packets(folder)]
+    changed = [
+        {**line, "codec": "jpeg", "offset": seq * size, "bytes": size, "crc32": zeros}
+        for seq, line in enumerate(lines)
+    ]
+    (folder / INDEX).write_text("".join(json.dumps(line) + "\n" for line in changed))
+    (folder / PACKETS).write_bytes(b"")
+    os.truncate(folder / PACKETS, size * len(lines))
+    manifest = json.loads((folder / MANIFEST).read_text())
+    (folder / MANIFEST).write_text(json.dumps(manifest | {"width_px": 4000, "height_px": 4000}))
+    hostile_sequences.sign(folder)
+
+
 # name -> (what the refusal names, damage)
 DAMAGES: dict[str, tuple[str, Callable[[Path], object]]] = {
     **{name: ("frame 3: ", partial(replace_packet, *bomb)) for name, bomb in bombs().items()},
     "manifest of brackets": (MANIFEST, partial(endless, MANIFEST, b"[" * 9999)),
     "index without lines": (INDEX, partial(endless, INDEX, b"x")),
     "index of many frames": (INDEX, many_frames),
+    "eyes of brackets": (INDEX, partial(eyes_only, b"[" + b"[]," * 3_000_000 + b"[]]")),
+    "few eyes of brackets": ("frame 0", partial(eyes_only, b"[" + b"[]," * 1300 + b"[]]")),
+    "large frames, all damaged": ("frame 0", large_frames),
     "truth without lines": (TRUTH, partial(endless, TRUTH, b"t_ns,")),
     "truth of many rows": (TRUTH, partial(long_file, TRUTH, b"", b"%d,%d,0,0,0,0,1\n", 300_000)),
     "packets cut off": (PACKETS, lambda folder: os.truncate(folder / PACKETS, 20_000)),
@@ -213,6 +247,14 @@ def test_every_refusal_is_quick_and_small_and_names_file_or_frame(
             said,
         )
     assert peak_mb <= hostile_files.PEAK_MB
+
+
+def test_a_table_has_no_more_rows_than_a_sequence_may_have_frames(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert read_truth(whole) is not None
+    monkeypatch.setattr("lfpipe.sequence.eyes.MAX_PACKETS", 5)
+    assert "more than 5 rows" in str(refusal(read_truth, whole))
 
 
 def test_all_broken_frames_are_named_and_those_before_can_be_cut_out(
