@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.errors import UserError
+from lfpipe.errors import UserError, plain
 from lfpipe.files.safe_files import open_file
 from lfpipe.host.files import proc_fd_path
 from lfpipe.host.machine import install_command
@@ -227,9 +227,10 @@ def _hdf5(path: Path) -> Any:
 
 
 def _names(path: Path, file: Any) -> list[str]:
-    """The names of a file's first objects. Raises UserError if they are not UTF-8."""
+    """The names of a file's first objects; those that are not UTF-8 are bytes in h5py."""
     with _damage(path, "the names of its arrays cannot be read"):
-        return list(itertools.islice(file, 100))
+        names = itertools.islice(file, 100)
+        return [plain(name if isinstance(name, str) else repr(name), 100) for name in names]
 
 
 def _hdf5_array(path: Path, file: Any, *keys: str) -> Any:
