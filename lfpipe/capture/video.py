@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lfpipe.capture.frame_source import BrokenFrame
 from lfpipe.errors import UserError
-from lfpipe.files.decoding import is_jpeg, is_video, picture_of
+from lfpipe.files.decoding import codec_name, is_jpeg, is_video, picture_of
 from lfpipe.host.files import proc_fd_path
 from lfpipe.host.limits import MemoryLimit
 from lfpipe.host.terminal import opencv_logging
@@ -80,7 +80,10 @@ class Video:
                     first = None
                 self.jpeg = first is not None and first.packet is not None  # not a half picture
             if not self.jpeg and self.read(0) is None:
-                raise UserError(f"{path}: not a readable video", REMEDY)
+                codec = codec_name(self._capture, self._file)
+                raise UserError(
+                    f"{path}: not a readable video: no frame can be decoded (codec {codec})", REMEDY
+                )
         except BaseException:
             self.close()
             raise

@@ -3,17 +3,23 @@
 JPEGs of every source are decoded here, so that recordings replay to the same bits.
 """
 
+import os
+import re
 from pathlib import Path
+from typing import IO, Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.errors import UserError
+from lfpipe.errors import UserError, plain
 from lfpipe.files.pictures import MAX_DECODING_BYTES, header_of
 
 # first boxes of MP4 and QuickTime files
 _BOXES = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"pnot")
+# codecs as MP4 and QuickTime name them, in either end of a file, and as Matroska does
+_CODEC = re.compile(rb"stsd.{12}(\w{4})|(V_[A-Z0-9/]{3,20})", re.DOTALL)
+_ENDS_BYTES = 1 << 20
 JPEG_START = b"\xff\xd8\xff"  # start of image, and of the first marker
 
 
@@ -38,6 +44,19 @@ def is_video(start: bytes) -> bool:
         or start[:4] == b"\x1aE\xdf\xa3"
         or (start[:4] == b"RIFF" and start[8:12] == b"AVI ")
     )
+
+
+def codec_name(capture: Any, file: IO[bytes]) -> str:
+    """The name of a video's codec, for messages: as the decoder knows it, or as the file says."""
+    number = int(capture.get(cv2.CAP_PROP_FOURCC))
+    if number > 0:
+        return plain(number.to_bytes(4, "little").decode("latin-1").strip("\0 "))
+    file.seek(0)
+    found = _CODEC.search(file.read(_ENDS_BYTES))
+    if found is None:
+        file.seek(max(0, file.seek(0, os.SEEK_END) - _ENDS_BYTES))
+        found = _CODEC.search(file.read())
+    return "unknown" if found is None else (found[1] or found[2]).decode()
 
 
 def is_jpeg(data: NDArray[np.uint8]) -> bool:

@@ -4,23 +4,64 @@ A container's claims about its frames may differ from its stream, and only decod
 the packer, a decoder that runs out of memory, crashes or hangs means a refusal.
 """
 
+import contextlib
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.files.decoding import is_video
+from lfpipe.files.decoding import codec_name, is_video
 from lfpipe.files.safe_files import open_file
 from lfpipe.host.files import proc_fd_path
+from lfpipe.host.machine import install_command
 
 OPENING_BYTES = 200_000_000  # memory limit of a decoder before the frame size is known
 FRAME_BYTES_PX = 20  # memory limit per pixel afterwards; measured: 6 to 15 with FFV1, MPEG-4, VP9
 MAX_FRAME_PX = 22_000_000  # 9x9 views of 512x512; OpenCV holds a frame three times
 USUAL_RATE_HZ = 25.0  # for a video without a rate
 _REMEDY = "play it with another program, or export it again"
+
+
+class _Stream:
+    """A video stream by PyAV, which decodes more codecs, with the methods of cv2.VideoCapture that
+    are used.
+    """
+
+    def __init__(self, file: BinaryIO) -> None:
+        import av
+
+        file.seek(0)
+        container = av.open(file, "r")
+        self._stream = container.streams.video[0]
+        self._frames = container.decode(self._stream)
+
+    def get(self, what: int) -> float:
+        return {
+            cv2.CAP_PROP_FRAME_WIDTH: float(self._stream.width),
+            cv2.CAP_PROP_FRAME_HEIGHT: float(self._stream.height),
+        }.get(what, float(self._stream.average_rate or 0))
+
+    def isOpened(self) -> bool:
+        return True
+
+    def grab(self) -> bool:
+        return self._next() is not None
+
+    def read(self) -> tuple[bool, NDArray[Any]]:
+        frame = self._next()
+        return frame is not None, np.zeros(0) if frame is None else frame.to_ndarray(format="bgr24")
+
+    def _next(self) -> Any:
+        from av.error import FFmpegError
+
+        try:
+            return next(self._frames, None)
+        except FFmpegError:  # the end of what can be decoded
+            return None
 
 
 class Video:
@@ -33,40 +74,58 @@ class Video:
         """Raises UserError if it is not a video, too large, or has no frames."""
         self._path = path
         self._file = open_file(path)
+        self._by_av = False
         if not is_video(self._file.read(12)):
             raise UserError(
                 f"{path}: not a readable video (MP4, QuickTime, Matroska, WebM or AVI)", _REMEDY
             )
+        self.frames = 0
         self._open(MAX_FRAME_PX)
+        codec = codec_name(self._capture, self._file)
+        self._measure()
+        if not self.frames and find_spec("av"):
+            with contextlib.suppress(Exception):  # PyAV raises many kinds for damage
+                self._by_av = True
+                self._open(MAX_FRAME_PX)
+                self._measure()
+        if not self.frames:
+            more = "" if find_spec("av") else f"; or {install_command('av')}, which decodes AV1"
+            raise UserError(
+                f"{path}: not a readable video: no frame can be decoded (codec {codec})",
+                f"export it again as H.264{more}",
+            )
+        self._open(self.width_px * self.height_px)
+
+    def _measure(self) -> None:
+        """Size, rate and number of frames; none if it cannot be opened. Raises UserError."""
         self.width_px, self.height_px = (
             int(self._capture.get(p)) for p in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
         )
         if self.width_px * self.height_px > MAX_FRAME_PX:
             what = (
-                f"{path}: a video of {self.width_px}x{self.height_px} px; at most {MAX_FRAME_PX} px"
-                " are decoded"
+                f"{self._path}: a video of {self.width_px}x{self.height_px} px; at most"
+                f" {MAX_FRAME_PX} px are decoded"
             )
             raise UserError(what, _REMEDY)
         if not self._capture.isOpened() or self.width_px * self.height_px < 1:
-            raise UserError(f"{path}: not a readable video", _REMEDY)
+            return
         rate_hz = self._capture.get(cv2.CAP_PROP_FPS)
-        self.frames = 0
         self.rate_hz = rate_hz if 0.1 <= rate_hz <= 1000 else USUAL_RATE_HZ
         # nine hours at 30 Hz
         while self.frames < 1_000_000 and self._capture.grab():
             self.frames += 1
-        if not self.frames:
-            raise UserError(f"{path}: no frame of this video can be decoded", "export it again")
-        self._open(self.width_px * self.height_px)
 
     def _open(self, frame_px: int) -> None:
         """Starts from the first frame.
 
         FFmpeg decodes; large frames on one thread, because each thread holds its own frames.
         """
+        self._next = 0
+        if self._by_av:
+            self._capture: cv2.VideoCapture | _Stream = _Stream(self._file)
+            return
         threads = [cv2.CAP_PROP_N_THREADS, 2 if frame_px <= 12_000_000 else 1]
         self._capture = cv2.VideoCapture(proc_fd_path(self._file), cv2.CAP_FFMPEG, threads)
-        self._next = 0
 
     def read(self, frame: int) -> NDArray[Any]:
         """uint8 (height, width, 3). Raises UserError."""

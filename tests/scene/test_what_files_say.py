@@ -1,5 +1,6 @@
 """What a picture file says beats its ending and its custom; what it holds besides is named."""
 
+import contextlib
 import random
 import struct
 import unicodedata
@@ -15,6 +16,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header, read_picture
 from lfpipe.scene import layouts
 from lfpipe.scene.packer import playlist
+from lfpipe.scene.video import Video
 from tests.scene import made
 from tests.scene.test_pictures import jpeg
 from tests.scene.writers import one
@@ -251,3 +253,31 @@ def test_halves_too_small_for_a_view_are_refused(tmp_path: Path, size: tuple[int
     small = cv2.resize(LEFT, size)
     with pytest.raises(UserError, match="too few for two views"):
         layouts.describe(one("x.jps", jpeg(small))(tmp_path), AUTO)
+
+
+def test_a_codec_that_opencv_lacks_is_read_by_pyav_or_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    av = pytest.importorskip("av")
+    path = tmp_path / "slide.mp4"
+    line = made.views(1, 6, 96, 128, 3.0, 0.5)[0]
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libsvtav1", rate=10, options={"preset": "10", "crf": "10"})
+        stream.width, stream.height, stream.pix_fmt = 128, 96, "yuv420p"
+        for view in [*line]:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(view, format="rgb24")))
+        container.mux(stream.encode())
+    video = Video(path)
+    assert (video.frames, video.width_px, video.height_px) == (6, 128, 96)
+    for frame in (3, 0, 5):
+        assert np.abs(video.read(frame).astype(int) - line[frame]).mean() < 12
+    whole = path.read_bytes()
+    for at in range(0, len(whole), len(whole) // 40):
+        path.write_bytes(whole[:at] + bytes(40) + whole[at + 40 :])
+        with contextlib.suppress(UserError):
+            Video(path).read(0)
+    path.write_bytes(whole)
+    monkeypatch.setattr("lfpipe.scene.video.find_spec", lambda name: None)
+    with pytest.raises(UserError, match=r"\(codec (av01|AV01)\)") as refused:
+        Video(path)
+    assert "H.264" in refused.value.remedy and " av, " in refused.value.remedy
