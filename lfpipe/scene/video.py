@@ -81,8 +81,8 @@ class Video:
             )
         self.frames = 0
         self._open(MAX_FRAME_PX)
-        codec = codec_name(self._capture, self._file)
         self._measure()
+        codec = "" if self.frames else codec_name(self._capture, self._file)
         if not self.frames and find_spec("av"):
             with contextlib.suppress(Exception):  # PyAV raises many kinds for damage
                 self._by_av = True

@@ -251,7 +251,7 @@ def test_a_quilt_of_nothing_is_a_picture(tmp_path: Path, name: str) -> None:
 @pytest.mark.parametrize("size", [(1, 48), (48, 1), (1, 1), (23, 48)])
 def test_halves_too_small_for_a_view_are_refused(tmp_path: Path, size: tuple[int, int]) -> None:
     small = cv2.resize(LEFT, size)
-    with pytest.raises(UserError, match="too few for two views"):
+    with pytest.raises(UserError, match="too small to show anything"):
         layouts.describe(one("x.jps", jpeg(small))(tmp_path), AUTO)
 
 

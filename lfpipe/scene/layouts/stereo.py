@@ -239,8 +239,10 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         picture, full = read_picture(path)
         views = [np.ascontiguousarray(view) for view in halves(picture, arrangement.above)]
         if min(views[0].shape[:2]) < MIN_VIEW_PX:
+            height, width = views[0].shape[:2]
             raise UserError(
-                f"{path}: {header.size} are too few for two views", "export it in its full size"
+                f"{path}: two views of {width}x{height} px are too small to show anything",
+                "export it in its full size",
             )
         if arrangement.squeezed:
             x, y = (1, 2) if arrangement.above else (2, 1)
