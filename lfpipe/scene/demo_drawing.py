@@ -40,6 +40,10 @@ class Quad:
     corners: NDArray[np.float64]
     """float (4, 3) of (X, Y, d), clockwise from top left, in one plane."""
 
+    def scaled(self, scale: float) -> "Quad":
+        """For views of another size."""
+        return attrs.evolve(self, corners=self.corners * scale)
+
     def seen(self, u: float, v: float, size_px: int) -> tuple[Window, Picture, Floats]:
         """The window of a view that the quad covers; there its colours, pre-multiplied RGBA, and
         its disparity.
@@ -78,6 +82,11 @@ class Ball:
     radius: float  # px
     depth: float  # radius along d, in disparity
     gloss: float  # strength of the highlight, 0 to 1
+
+    def scaled(self, scale: float) -> "Ball":
+        """For views of another size."""
+        lengths = {name: getattr(self, name) * scale for name in ("x", "y", "d", "radius", "depth")}
+        return attrs.evolve(self, **lengths)
 
     def seen(self, u: float, v: float, size_px: int) -> tuple[Window, Picture, Floats]:
         """As `Quad.seen`.

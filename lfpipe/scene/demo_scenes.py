@@ -26,11 +26,13 @@ PAPER = (238, 232, 216)
 
 
 @cache  # describing and drawing a scene both call it
-def solids_of(name: str) -> list[Solid]:
-    """The solids of a scene of `demo.NAMES`, back to front; deterministic."""
+def solids_of(name: str, scale: float = 1.0) -> list[Solid]:
+    """The solids of a scene of `demo.NAMES`, back to front; deterministic. scale: of its views,
+    against SIZE_PX.
+    """
     rng = np.random.default_rng(9)
     objects = {"marbles": _marbles, "meadow": _meadow}.get(name, _still_life)
-    return [*_room(rng), *objects(rng)]
+    return [solid.scaled(scale) for solid in (*_room(rng, scale), *objects(rng, scale))]
 
 
 def moving_solids(t_s: float) -> list[Solid]:
@@ -93,18 +95,18 @@ def _lying(texture: Picture, x: float, half: float, d_far: float, d_near: float)
     return Quad(texture, np.array([*edge(d_far), *edge(d_near)[::-1]]))
 
 
-def _room(rng: np.random.Generator) -> list[Solid]:
+def _room(rng: np.random.Generator, scale: float = 1.0) -> list[Solid]:
     """The wall with the eye chart, and the table."""
     seam = _table_y(WALL_D)
     side = round((SIZE_PX + 2 * MARGIN) * TEXELS)
     chart = textures.poster(232, 308, textures.LETTERS, (PAPER, PAPER), (40, 34, 34), (84, 62, 40))
     wall = textures.wall(rng, round((seam + MARGIN) * TEXELS), side)
     return [
-        _upright(textures.opaque(wall), -MARGIN, -MARGIN, SIZE_PX + MARGIN, seam, WALL_D),
+        _upright(textures.opaque(wall, scale), -MARGIN, -MARGIN, SIZE_PX + MARGIN, seam, WALL_D),
         _upright(textures.shadow(0.5), 330, 76, 474, 240, WALL_D),
-        _upright(textures.opaque(chart), 336, 62, 452, 216, WALL_D + 0.06),
+        _upright(textures.opaque(chart, scale), 336, 62, 452, 216, WALL_D + 0.06),
         _lying(
-            textures.opaque(textures.wood(rng, 300, 800, (92, 54, 30), (178, 120, 72))),
+            textures.opaque(textures.wood(rng, 300, 800, (92, 54, 30), (178, 120, 72)), scale),
             VANISHING[0],
             580,
             WALL_D,
@@ -114,7 +116,7 @@ def _room(rng: np.random.Generator) -> list[Solid]:
     ]
 
 
-def _still_life(rng: np.random.Generator) -> list[Solid]:
+def _still_life(rng: np.random.Generator, scale: float) -> list[Solid]:
     ends = ((262.0, 0.35), (374.0, -0.45))  # of the card: x and disparity
     feet = [[x, _table_y(d), d] for x, d in ends]
     tops = [[x, y - 152.0 * (d + OFFSET_PX) / (ends[0][1] + OFFSET_PX), d] for x, y, d in feet]
@@ -122,7 +124,7 @@ def _still_life(rng: np.random.Generator) -> list[Solid]:
     solids = [
         *_ball(textures.red, rng, 90, -1.25, 50),
         *_ball(textures.marble, rng, 372, -1.1, 44),
-        Quad(textures.opaque(card), np.array([*tops, *feet[::-1]])),
+        Quad(textures.opaque(card, scale), np.array([*tops, *feet[::-1]])),
         *_ball(textures.planet, rng, 190, 0.25, 56),
         *_ball(textures.blue, rng, 424, 0.95, 38),
         *_ball(textures.marble, rng, 306, 1.45, 22),
@@ -132,7 +134,7 @@ def _still_life(rng: np.random.Generator) -> list[Solid]:
     ]
 
 
-def _marbles(rng: np.random.Generator) -> list[Solid]:
+def _marbles(rng: np.random.Generator, _scale: float) -> list[Solid]:
     """Balls of four kinds in a spiral from the wall to the viewer."""
     kinds = (textures.planet, textures.blue, textures.marble, textures.red)
     solids: list[Solid] = []
@@ -145,7 +147,7 @@ def _marbles(rng: np.random.Generator) -> list[Solid]:
     return solids
 
 
-def _meadow(rng: np.random.Generator) -> list[Solid]:
+def _meadow(rng: np.random.Generator, _scale: float) -> list[Solid]:
     """Tufts of grass at many depths, with balls between them: many occlusions."""
     solids: list[Solid] = []
     for k, d in enumerate(np.linspace(-1.5, 1.9, 12).tolist()):

@@ -44,11 +44,12 @@ def mixed(share: NDArray[np.floating], dark: Colour | Floats, light: Colour | Fl
     )
 
 
-def opaque(colour: NDArray[Any]) -> Picture:
+def opaque(colour: NDArray[Any], scale: float = 1.0) -> Picture:
     """A texture of a flat picture without detail finer than a px, which would cause moire when the
-    view changes.
+    view changes. scale: of the view, against SIZE_PX.
     """
-    picture = cv2.GaussianBlur(np.clip(colour, 0, 255).astype(np.uint8), (0, 0), 0.5 * TEXELS)
+    sigma = 0.5 * TEXELS / scale
+    picture = cv2.GaussianBlur(np.clip(colour, 0, 255).astype(np.uint8), (0, 0), sigma)
     return np.dstack([picture, np.full(picture.shape[:2], 255, np.uint8)])
 
 

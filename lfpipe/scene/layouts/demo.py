@@ -29,16 +29,18 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     path = listing.file(MARKER)
     fields = json_fields(read_bytes(path), str(path), "remove the folder; lfpipe makes it again")
     size_px = fields.integer("size_px", 32, 4096)
-    solids = solids_of(fields.text("scene"))
+    scale = max(size_px / SIZE_PX, 1.0)
+    solids = solids_of(fields.text("scene"), scale)
 
     @lru_cache(GRID * GRID)
     def view(row: int, col: int) -> tuple[Picture, Floats]:
-        picture, disparity = draw_view(solids, col - GRID // 2, row - GRID // 2)
-        if size_px == SIZE_PX:
+        drawn_px = round(SIZE_PX * scale)
+        picture, disparity = draw_view(solids, col - GRID // 2, row - GRID // 2, drawn_px)
+        if size_px == drawn_px:
             return picture, disparity
         sides = size_px, size_px
         small = cv2.resize(
-            disparity * np.float32(size_px / SIZE_PX), sides, interpolation=cv2.INTER_NEAREST
+            disparity * np.float32(size_px / drawn_px), sides, interpolation=cv2.INTER_NEAREST
         )
         return np.asarray(
             cv2.resize(picture, sides, interpolation=cv2.INTER_AREA), np.uint8
