@@ -9,13 +9,14 @@ import contextlib
 import errno
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from pathlib import Path
 from typing import TypeVar
 
 import attrs
 
+from lfpipe.capture.pixel_formats import DECODED, GREYS
 from lfpipe.capture.spec import CameraSpec
 from lfpipe.capture.v4l2_device import V4L2Device
 from lfpipe.errors import UserError
@@ -157,12 +158,57 @@ class NoCamera(UserError):
     """
 
 
+@attrs.frozen
+class Ranked:
+    """A camera, and why another one is better to see a face with; "" for the best ones."""
+
+    device: CameraDevice
+    doubt: str = ""
+
+
+def ranked(
+    devices: Sequence[CameraDevice], formats: Callable[[CameraDevice], Sequence[str] | None]
+) -> list[Ranked]:
+    """Cameras, the best to see a face with first, else in their order.
+
+    formats: the pixel formats of one; None if it cannot be asked.
+    """
+    doubts = {device.path: _doubt(formats(device)) for device in devices}
+    by_doubt = sorted(devices, key=lambda device: DOUBTS.index(doubts[device.path]))
+    return [Ranked(device, doubts[device.path]) for device in by_doubt]
+
+
+UNKNOWN = "its formats are not known"
+GREY_ONLY = "grey pictures only, as of the infrared camera of a face login"
+UNDECODABLE = "no picture that can be decoded"
+DOUBTS = ("", UNKNOWN, GREY_ONLY, UNDECODABLE)
+
+
+def _doubt(formats: Sequence[str] | None) -> str:
+    if not formats:
+        return UNKNOWN
+    decoded = [name for name in formats if name in DECODED]
+    if not decoded:
+        return UNDECODABLE
+    return GREY_ONLY if all(name in GREYS for name in decoded) else ""
+
+
+def formats_of(device: CameraDevice) -> Sequence[str] | None:
+    """The pixel formats of a camera; None if it cannot be asked."""
+    try:
+        return asking(device.path, lambda opened_device: opened_device.fourccs(), ANSWER_S)
+    except OSError:
+        return None
+
+
 def first_camera() -> CameraSpec:
-    """The first camera. Raises NoCamera."""
-    present = cameras()
+    """The best camera to see a face with. Raises NoCamera."""
+    present = ranked(cameras(), formats_of)
     if not present:
         raise NoCamera("no camera found", others())
-    return CameraSpec(present[0].path)
+    for left in present[1:]:
+        log.info("camera %s is not used: %s", left.device.path, left.doubt or "it is not the first")
+    return CameraSpec(present[0].device.path)
 
 
 def by_name(name: str, devices: list[CameraDevice]) -> CameraDevice:

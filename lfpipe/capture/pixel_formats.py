@@ -33,6 +33,7 @@ PLANAR = {
     "YU12": cv2.COLOR_YUV2BGR_I420,
     "YV12": cv2.COLOR_YUV2BGR_YV12,
 }
+GREYS = ("GREY",)  # without colour
 DECODED = (*JPEGS, *INTERLEAVED, *PLANAR)
 # cheapest to decode first; grey last, because the tracker's model was trained on colours
 PLAIN = ("YUYV", "UYVY", "YVYU", "NV12", "NV21", "YU12", "YV12", "BGR3", "RGB3", "BGR4", "XR24")

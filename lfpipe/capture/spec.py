@@ -291,6 +291,33 @@ class RowKind(SourceKind):
             raise
 
 
+STREAMS = ("http", "https", "rtsp", "udp", "tcp")
+
+
+@attrs.frozen
+class StreamKind(SourceKind):
+    """A camera in the network, by its address."""
+
+    address: str
+
+    form = "rtsp://..., http://... or udp://..."
+    live = True
+    time_limit_s = 20.0
+    remedy = "check the address and the network"
+
+    @classmethod
+    def parse(cls, rest: str) -> Self | None:
+        return None  # the prefix is part of the address
+
+    def __str__(self) -> str:
+        return self.address
+
+    def open(self, camera: config.Camera) -> "FrameSource":
+        from lfpipe.capture.stream import NetworkStream
+
+        return NetworkStream(self.address, camera)
+
+
 KINDS: dict[str, type[SourceKind]] = {
     "camera": CameraSpec,
     "file": FileSpec,
@@ -302,24 +329,27 @@ KINDS: dict[str, type[SourceKind]] = {
 
 def forms() -> str:
     """The forms of source names, for messages."""
-    more = (f"{name}:..." for name in plugins(SOURCES))
-    *most, last = (*(kind.form for kind in KINDS.values()), *more)
+    built_in = [kind.form for kind in (*KINDS.values(), StreamKind)]
+    *most, last = [*built_in, *(f"{name}:..." for name in plugins(SOURCES))]
     return f"{', '.join(most)}, or {last}"
 
 
 def parse_source(text: str) -> SourceKind:
     """Parses text, without opening any file. Raises UserError that names the wrong part."""
+    if text.isdecimal() or text.startswith("/dev/"):
+        text = f"camera:{text}"
     prefix, _, rest = text.partition(":")
     source: SourceKind | None = None
-    if prefix in KINDS:
+    if prefix in STREAMS:
+        source = StreamKind(text)
+    elif prefix in KINDS:
         source = KINDS[prefix].parse(rest)
     elif prefix in plugins(SOURCES):
         kind = guarded(load(SOURCES, prefix, KINDS), SOURCES, prefix, {"parse": SourceKind | None})
         source = kind.parse(rest)
         source = source and kind.guard(source, {})
     if source is None:
-        remedy = f"use camera:{text}" if text.isdecimal() else f"use one of {forms()}"
-        raise UserError(f"{text!r}: not a frame source", remedy)
+        raise UserError(f"{text!r}: not a frame source", f"use one of {forms()}")
     return source
 
 

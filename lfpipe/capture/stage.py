@@ -14,6 +14,7 @@ import logging
 import time
 from collections import deque
 
+from lfpipe.capture.content import ContentWatch
 from lfpipe.capture.frame_source import BrokenFrame, Frame, SourceInfo
 from lfpipe.capture.open_source import camera_settings, open_source
 from lfpipe.capture.reconnecting_camera import CameraLost
@@ -86,6 +87,8 @@ class CaptureStage:
         late_s = LATE_PERIODS / info.rate_hz if info.rate_hz and not self._lossless else 0.0
         self._lateness = Lateness(int(late_s * 1e9))
         self._light = _LightWatch(context)
+        self._content = ContentWatch()
+        self._flash_told = False
         self._sleeps = SleepWatch()
         self._lost_ns = 0  # since then there is no camera; 0: there is one
         self._broken = 0
@@ -157,6 +160,7 @@ class CaptureStage:
         context = self._context
         frames = self._frames
         t_sensor_ns = frame.t_sensor_ns + self._lateness.moved_ns
+        self._watch_content(frame.t_sensor_ns)
         if self._live:
             lost = frame.source_seq - self._next_seq
             self._next_seq = frame.source_seq + 1
@@ -175,6 +179,19 @@ class CaptureStage:
         context.row.count_output(frame.source_seq)
         context.row.record_latency(t_read_ns - t_sensor_ns, busy_ns, t_ns - t_sensor_ns)
         context.row["cpu_ns"] = time.process_time_ns()
+
+    def _watch_content(self, t_ns: int) -> None:
+        """Reports frames that show nothing, and a light that flashes."""
+        content = self._content
+        flashed = content.flashes
+        content.add(self._frames.begin(), t_ns)
+        self._context.row["covered"] = content.covered
+        if content.flashes and not flashed and not self._flash_told:
+            self._flash_told = True
+            self._context.notify(
+                f"{self._source.info.name}: every second frame is dark, as of the infrared camera"
+                " of a face login; `lfpipe cameras` lists others"
+            )
 
     def _note_gap(self) -> None:
         """Begins a new epoch after a gap: the viewer may be anywhere by now, and old positions mean

@@ -9,6 +9,7 @@ import click
 
 from lfpipe.capture import camera_list
 from lfpipe.capture.camera_controls import control_texts
+from lfpipe.capture.live_source import WIDE
 from lfpipe.capture.pixel_formats import DECODED
 from lfpipe.capture.v4l2_device import V4L2Device
 from lfpipe.cli.options import JSON, PATH, with_config
@@ -31,17 +32,22 @@ def cameras(as_json: bool) -> None:
     --camera: camera:/dev/video0, camera:NAME.
     """
     listed: list[dict[str, Any]] = []
-    for device in camera_list.cameras():
+    ranking = camera_list.ranked(camera_list.cameras(), camera_list.formats_of)
+    for number, (device, doubt) in enumerate((one.device, one.doubt) for one in ranking):
         about: dict[str, Any] = {
             "camera": f"camera:{device.path}",
             "name": device.name,
+            "used": not number,
+            "doubt": doubt,
+            "stereo": False,
             "formats": [],
             "controls": [],
             "trouble": "",
         }
         try:
-            about["formats"], about["controls"] = camera_list.asking(
-                device.path, lambda opened: (_formats(opened, as_json), control_texts(opened))
+            about["formats"], about["controls"], about["stereo"] = camera_list.asking(
+                device.path,
+                lambda opened: (_formats(opened, as_json), control_texts(opened), _is_wide(opened)),
             )
         except OSError as error:
             about["trouble"] = os.strerror(error.errno or 0)
@@ -50,7 +56,15 @@ def cameras(as_json: bool) -> None:
         print_result(json.dumps({"cameras": listed}))
         return
     for about in listed:
-        print_result(f"{about['camera']}  {about['name']}")
+        use = (
+            "used by default"
+            if about["used"]
+            else f"not used by default: {about['doubt'] or 'not the first'}"
+        )
+        print_result(f"{about['camera']}  {about['name']}  ({use})")
+        if about["stereo"]:
+            path = about["camera"].removeprefix("camera:")
+            print_result(f"  two views side by side, it seems: lfpipe up live:{path}")
         lines = (
             [about["trouble"]]
             if about["trouble"]
@@ -59,6 +73,12 @@ def cameras(as_json: bool) -> None:
         print_result("\n".join(filled(line, "  ") for line in lines))
     if not listed:
         print_result("no camera found; --demo and --camera file:PATH work without one")
+
+
+def _is_wide(device: V4L2Device) -> bool:
+    """Whether all frames are as wide as two views side by side."""
+    sizes = [size for name in device.fourccs() if name in DECODED for size in device.sizes(name)]
+    return bool(sizes) and all(size.width_px >= WIDE * size.height_px for size in sizes)
 
 
 def _formats(device: V4L2Device, every_rate: bool) -> list[str]:

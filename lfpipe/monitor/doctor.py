@@ -19,7 +19,7 @@ import attrs
 import cv2
 
 from lfpipe import config, log
-from lfpipe.capture.camera_list import CameraDevice, asking, cameras
+from lfpipe.capture.camera_list import CameraDevice, asking, cameras, formats_of, ranked
 from lfpipe.capture.spec import KINDS
 from lfpipe.config.user_files import commented
 from lfpipe.errors import UserError, redacted
@@ -216,8 +216,19 @@ def camera_checks(source: str, devices: list[CameraDevice]) -> list[Check]:
         return [Check("camera", True, "none: over the window, the mouse is the viewer")]
     if not devices:
         return [Check("camera", False, f"none, but camera.source is {source}", NO_CAMERA)]
-    first, *others = map(camera, devices)
-    return [attrs.evolve(first, ok=source != "" or not first.remedy), *others]
+    ranking = ranked(devices, formats_of)
+    checks = [camera(one.device) for one in ranking]
+    if source:
+        return checks
+    texts = [
+        "used by default",
+        *(f"not used: {one.doubt or 'not the first'}" for one in ranking[1:]),
+    ]
+    first, *others = (
+        attrs.evolve(check, detail=f"{check.detail}; {text}")
+        for check, text in zip(checks, texts, strict=True)
+    )
+    return [attrs.evolve(first, ok=not first.remedy), *others]
 
 
 def camera(device: CameraDevice) -> Check:

@@ -24,6 +24,7 @@ class NoticeKind(enum.Enum):
     """What a notice is about."""
 
     CAMERA_LOST = enum.auto()
+    COVERED = enum.auto()
     FAULT = enum.auto()
     NO_FACE = enum.auto()
     QUALITY = enum.auto()
@@ -54,9 +55,12 @@ def faults(rows: Rows, t_ns: int) -> Iterator[Fault]:
             yield Fault(text, bool(row["outputs_ok"] > WORKED_SHARE * row["outputs_faulty"]))
 
 
-def notices(rows: Rows, source: str, shows: str, t_face_ns: int) -> list[Notice]:
+def notices(
+    rows: Rows, source: str, shows: str, t_face_ns: int, covered: bool = False
+) -> list[Notice]:
     """The notices, the most urgent alone. source, shows: names of the stages that make frames and
-    show pictures. t_face_ns: when a picture was last made for a face; 0: never.
+    show pictures. t_face_ns: when a picture was last made for a face; 0: never. covered: whether
+    frames show nothing.
     """
     t_ns = now_ns()
     if rows[source]["state"] == State.READY:
@@ -66,6 +70,8 @@ def notices(rows: Rows, source: str, shows: str, t_face_ns: int) -> list[Notice]
             Notice(NoticeKind.FAULT, f"{fault.text}: the picture does not follow you")
             for fault in broken
         ]
+    if covered:
+        return [Notice(NoticeKind.COVERED, "the camera is covered: its frames show nothing")]
     running = all(rows[name]["state"] == State.RUNNING for name in (source, shows))
     if running and t_face_ns and t_ns - t_face_ns > FACELESS_NS:
         seconds = (t_ns - t_face_ns) // SECOND_NS

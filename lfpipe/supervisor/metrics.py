@@ -174,7 +174,8 @@ def session_metrics(
     description = quality["words"].item().decode(errors="replace")
     planned, juddered = display["planned"], display["juddered"]
     light = f"too little light for {source['nominal_mhz'] / 1000:.3g} Hz"
-    now = [notice.text for notice in notices(rows, SOURCE, SHOWN_BY, display["t_face_ns"])]
+    current = notices(rows, SOURCE, SHOWN_BY, display["t_face_ns"], source["covered"])
+    now = [notice.text for notice in current]
     return SessionMetrics(
         session=session,
         uptime_s=round((now_ns() - started_ns) / 1e9, 2),

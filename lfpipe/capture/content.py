@@ -1,0 +1,50 @@
+"""What frames of a camera show, whatever it is: nothing at all, or a light that flashes."""
+
+from collections import deque
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.transport.clock import SECOND_NS
+
+# standard deviation of a frame, in grey levels, below which it shows nothing: a covered sensor's
+# noise has 1 to 3, a dark room with a face 6 and more
+FLAT_LEVELS = 4.0
+COVERED_NS = SECOND_NS  # a hand passes in less
+EVERY_PX = 16  # of the pixels that are looked at
+# of the means of frames: difference of even and odd ones in levels, and in their own spread
+FLASH_LEVELS, FLASH_RATIO = 12.0, 4.0
+FLASH_FRAMES = 12
+
+
+class ContentWatch:
+    """Follows the content of frames."""
+
+    def __init__(self) -> None:
+        self.covered = False
+        """Whether frames show nothing since COVERED_NS."""
+        self.flashes = False
+        """Whether every second frame is much darker: the light of an infrared camera."""
+        self._flat_ns = 0  # since then
+        self._means: deque[float] = deque(maxlen=FLASH_FRAMES)
+
+    def add(self, frame: NDArray[np.uint8], t_ns: int) -> None:
+        """Adds a frame, uint8 (height, width, 3), and its time."""
+        sample: NDArray[Any] = frame[::EVERY_PX, ::EVERY_PX, 1]
+        self._means.append(float(sample.mean()))
+        self.flashes = self._flash()
+        if float(sample.std()) >= FLAT_LEVELS:
+            self._flat_ns = 0
+        elif not self._flat_ns:
+            self._flat_ns = t_ns
+        self.covered = bool(self._flat_ns) and t_ns - self._flat_ns >= COVERED_NS
+
+    def _flash(self) -> bool:
+        if len(self._means) < FLASH_FRAMES:
+            return False
+        means = np.array(self._means)
+        even, odd = means[::2], means[1::2]
+        apart = abs(float(even.mean() - odd.mean()))
+        spread = max(float(even.std()), float(odd.std()), 1.0)
+        return apart > FLASH_LEVELS and apart > FLASH_RATIO * spread

@@ -1,0 +1,91 @@
+"""What frames show, and which camera is used first."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lfpipe.capture.camera_list import (
+    GREY_ONLY,
+    UNDECODABLE,
+    UNKNOWN,
+    CameraDevice,
+    ranked,
+)
+from lfpipe.capture.content import COVERED_NS, ContentWatch
+from lfpipe.capture.spec import CameraSpec, StreamKind, parse_source
+from lfpipe.transport.clock import SECOND_NS
+
+FRAME_NS = SECOND_NS // 30
+RNG = np.random.default_rng(1)
+
+
+def noisy(level: float, sigma: float) -> np.ndarray:
+    frame = np.full((240, 320, 3), level) + RNG.normal(0, sigma, (240, 320, 3))
+    return np.clip(frame, 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("level", "sigma", "covered"),
+    [
+        (2, 1.5, True),
+        (0, 0, True),
+        (255, 0, True),
+        (128, 1, True),
+        (40, 9, False),
+        (120, 50, False),
+    ],
+)
+def test_frames_that_show_nothing_are_noticed_within_two_seconds(
+    level: float, sigma: float, covered: bool
+) -> None:
+    watch = ContentWatch()
+    for k in range(30):
+        watch.add(noisy(120, 50), k * FRAME_NS)
+    assert not watch.covered
+    seen = []
+    for k in range(30, 90):
+        watch.add(noisy(level, sigma), k * FRAME_NS)
+        seen.append(watch.covered)
+    assert any(seen) == covered and COVERED_NS < 2 * SECOND_NS
+    watch.add(noisy(120, 50), 90 * FRAME_NS)
+    assert not watch.covered
+
+
+def test_a_light_that_flashes_is_told_from_one_that_changes() -> None:
+    flashing, slow = ContentWatch(), ContentWatch()
+    for k in range(40):
+        flashing.add(noisy(90 if k % 2 else 30, 20), k * FRAME_NS)
+        slow.add(noisy(90 if k % 20 < 10 else 30, 20), k * FRAME_NS)
+        assert not slow.flashes
+    assert flashing.flashes
+
+
+@pytest.mark.parametrize(
+    ("formats", "order", "doubts"),
+    [
+        # a laptop's face login comes first
+        ((["GREY"], ["MJPG", "YUYV"]), [1, 0], ["", GREY_ONLY]),
+        ((["YUYV"], ["MJPG"]), [0, 1], ["", ""]),
+        # depth camera, busy camera, webcam
+        ((["Z16 "], None, ["NV12"]), [2, 1, 0], ["", UNKNOWN, UNDECODABLE]),
+        (([], ["GREY", "YUYV"]), [1, 0], ["", UNKNOWN]),
+        ((["GREY"],), [0], [GREY_ONLY]),
+        ((), [], []),
+    ],
+)
+def test_ranked_takes_the_camera_that_sees_faces_best(
+    formats: tuple[list[str] | None, ...], order: list[int], doubts: list[str]
+) -> None:
+    devices = [CameraDevice(Path(f"/dev/video{k}")) for k in range(len(formats))]
+    by_path = {device.path: given for device, given in zip(devices, formats, strict=True)}
+    found = ranked(devices, lambda device: by_path[device.path])
+    assert [devices.index(one.device) for one in found] == order
+    assert [one.doubt for one in found] == doubts
+
+
+def test_names_that_people_type_are_understood() -> None:
+    assert parse_source("0") == parse_source("/dev/video0") == CameraSpec(Path("/dev/video0"))
+    for address in ("rtsp://10.0.0.7/stream", "http://cam.local:8080/video", "udp://@:1234"):
+        kind = parse_source(address)
+        assert isinstance(kind, StreamKind) and str(kind) == address and kind.live
