@@ -291,31 +291,11 @@ class RowKind(SourceKind):
             raise
 
 
-STREAMS = ("http", "https", "rtsp", "udp", "tcp")
-
-
-@attrs.frozen
-class StreamKind(SourceKind):
-    """A camera in the network, by its address."""
-
-    address: str
-
-    form = "rtsp://..., http://... or udp://..."
-    live = True
-    time_limit_s = 20.0
-    remedy = "check the address and the network"
-
-    @classmethod
-    def parse(cls, rest: str) -> Self | None:
-        return None  # the prefix is part of the address
-
-    def __str__(self) -> str:
-        return self.address
-
-    def open(self, camera: config.Camera) -> "FrameSource":
-        from lfpipe.capture.stream import NetworkStream
-
-        return NetworkStream(self.address, camera)
+STREAMS = ("http", "https", "rtsp", "udp", "tcp")  # prefixes of network cameras
+NETWORK = (
+    "install a package with a source for it, as examples/lfpipe-example has for rtsp:, or feed a"
+    " v4l2loopback device: `ffmpeg -i ADDRESS -f v4l2 /dev/video42`, then --camera camera:42"
+)
 
 
 KINDS: dict[str, type[SourceKind]] = {
@@ -329,8 +309,10 @@ KINDS: dict[str, type[SourceKind]] = {
 
 def forms() -> str:
     """The forms of source names, for messages."""
-    built_in = [kind.form for kind in (*KINDS.values(), StreamKind)]
-    *most, last = [*built_in, *(f"{name}:..." for name in plugins(SOURCES))]
+    *most, last = [
+        *(kind.form for kind in KINDS.values()),
+        *(f"{name}:..." for name in plugins(SOURCES)),
+    ]
     return f"{', '.join(most)}, or {last}"
 
 
@@ -340,16 +322,15 @@ def parse_source(text: str) -> SourceKind:
         text = f"camera:{text}"
     prefix, _, rest = text.partition(":")
     source: SourceKind | None = None
-    if prefix in STREAMS:
-        source = StreamKind(text)
-    elif prefix in KINDS:
+    if prefix in KINDS:
         source = KINDS[prefix].parse(rest)
     elif prefix in plugins(SOURCES):
         kind = guarded(load(SOURCES, prefix, KINDS), SOURCES, prefix, {"parse": SourceKind | None})
         source = kind.parse(rest)
         source = source and kind.guard(source, {})
     if source is None:
-        raise UserError(f"{text!r}: not a frame source", f"use one of {forms()}")
+        remedy = NETWORK if prefix in STREAMS else f"use one of {forms()}"
+        raise UserError(f"{redacted(text)!r}: not a frame source", remedy)
     return source
 
 

@@ -5,6 +5,8 @@ source; `launch` runs what it returns.
 """
 
 import contextlib
+import os
+import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -246,8 +248,9 @@ def parse(arguments: UpArguments, has_screen: bool) -> Request:
     records_itself = shows and arguments.demo and arguments.display is None and not has_screen
     slower = ("render.rate_hz=30",) if records_itself else ()  # for a small video
     config = configuration.load(arguments.config_file, (*slower, *arguments.sets))
+    folder = _demo_folder() if records_itself else DEMO_FOLDER
     if records_itself:
-        display: Target = VideoFile(DEMO_FOLDER / _demo_video_name())
+        display: Target = VideoFile(folder / _demo_video_name())
     else:
         display = parse_display(arguments.display or "window") if shows else Nothing()
     if isinstance(display, Window):
@@ -260,8 +263,15 @@ def parse(arguments: UpArguments, has_screen: bool) -> Request:
         display=display,
         source=source,
         duration_s=arguments.duration_s or (DEMO_S if records_itself else None),
-        still=DEMO_FOLDER / "demo.png" if records_itself else None,
+        still=folder / "demo.png" if records_itself else None,
     )
+
+
+def _demo_folder() -> Path:
+    """Where the demo records itself: a temporary folder if the working directory is read-only."""
+    if os.access(DEMO_FOLDER if exists(DEMO_FOLDER) else Path(), os.W_OK):
+        return DEMO_FOLDER
+    return Path(tempfile.mkdtemp(prefix="lfpipe-demo-"))
 
 
 def _demo_video_name() -> str:
@@ -277,7 +287,7 @@ def check(arguments: UpArguments, request: Request) -> None:
     """Checks outputs and display without changing anything. Raises UserError."""
     files = (scene for scene in arguments.scenes if not is_live(scene))
     inputs = (*files, source_file(request.source))
-    own_folder = request.still is not None and not exists(DEMO_FOLDER)  # made later
+    own_folder = request.still is not None and not exists(request.still.parent)  # made later
     video = None if own_folder else request.video
     check_outputs(
         {"--display": video, "--trace": arguments.trace}, filter(None, inputs), arguments.force
@@ -380,8 +390,9 @@ def _plan(arguments: UpArguments, request: Request, opened: Opened) -> SessionPl
         command = f"lfpipe ctl --session {arguments.session_name} load --next"
         lines.append(f"scenes\t{len(scenes)}: {keys}`{command}` to show the others")
     if request.still is not None:
-        DEMO_FOLDER.mkdir(exist_ok=True)
-        lines.insert(0, f"no screen here: the demo records itself in {DEMO_FOLDER}/")
+        folder = request.still.parent
+        folder.mkdir(exist_ok=True)
+        lines.insert(0, f"no screen here: the demo records itself in {folder}/")
     if arguments.scenes and not arguments.lock_code and not arguments.start:
         remember_scene(scenes[0])
     options = SessionOptions(

@@ -25,6 +25,8 @@ SHM_DIR = Path("/dev/shm" if sys.platform == "linux" else tempfile.gettempdir())
 WRITABLE = (
     f"mount a tmpfs at {SHM_DIR} that you may write to; of a container: docker run --shm-size=128m"
 )
+# errors of a kernel, a sandbox or a file system without O_TMPFILE
+WITHOUT_TMPFILE = (errno.EOPNOTSUPP, errno.EISDIR, errno.EINVAL, errno.ENOSYS, errno.ENOENT)
 PREFIX = "lfp-"  # of every segment's name
 MAGIC = b"LFSEGM1\0"
 PAGE = 4096  # bytes; the owner has a page of its own
@@ -127,13 +129,17 @@ def _create(name: str, whole_bytes: int, run_dir: bytes) -> Segment:
     write.
     """
     owner = (_OWNER.pack(MAGIC, len(run_dir)) + run_dir).ljust(PAGE, b"\0")
-    if not hasattr(os, "O_TMPFILE"):  # the session holds its lock: nobody else creates this name
+    try:
+        fd = os.open(SHM_DIR, os.O_TMPFILE | os.O_RDWR | os.O_CLOEXEC, 0o600)
+    except (AttributeError, OSError) as error:
+        if isinstance(error, OSError) and error.errno not in WITHOUT_TMPFILE:
+            raise
+        # the session holds its lock: nobody else creates this name
         fd = os.open(SHM_DIR / name, os.O_RDWR | os.O_CREAT | os.O_EXCL | _SAFE, 0o600)
         with os.fdopen(fd, "r+b") as file:
             file.truncate(whole_bytes + PAGE)
             os.pwrite(fd, owner, whole_bytes)
             return Segment(name, locks=True)
-    fd = os.open(SHM_DIR, os.O_TMPFILE | os.O_RDWR | os.O_CLOEXEC, 0o600)
     try:
         os.posix_fallocate(fd, 0, whole_bytes + PAGE)
         os.pwrite(fd, owner, whole_bytes)
@@ -146,11 +152,12 @@ def _create(name: str, whole_bytes: int, run_dir: bytes) -> Segment:
 
 
 def more_room(needed_bytes: int) -> str:
-    """The remedy for too little shared memory."""
-    return (
-        f"mount -o remount,size={max(64, 2 * needed_bytes >> 20)}m {SHM_DIR}, or docker run"
-        " --shm-size=128m"
-    )
+    """The remedy for too little shared memory: more than there is now."""
+    total_bytes = 0
+    with contextlib.suppress(OSError):
+        total_bytes = shutil.disk_usage(SHM_DIR).total
+    size = max(64, (2 * needed_bytes + total_bytes) >> 20)
+    return f"mount -o remount,size={size}m {SHM_DIR}, or docker run --shm-size={size}m"
 
 
 def unlink(name: str) -> None:

@@ -13,7 +13,8 @@ from lfpipe.capture.camera_list import (
     ranked,
 )
 from lfpipe.capture.content import COVERED_NS, ContentWatch
-from lfpipe.capture.spec import CameraSpec, StreamKind, parse_source
+from lfpipe.capture.spec import CameraSpec, parse_source
+from lfpipe.errors import UserError
 from lfpipe.transport.clock import SECOND_NS
 
 FRAME_NS = SECOND_NS // 30
@@ -86,6 +87,7 @@ def test_ranked_takes_the_camera_that_sees_faces_best(
 
 def test_names_that_people_type_are_understood() -> None:
     assert parse_source("0") == parse_source("/dev/video0") == CameraSpec(Path("/dev/video0"))
-    for address in ("rtsp://10.0.0.7/stream", "http://cam.local:8080/video", "udp://@:1234"):
-        kind = parse_source(address)
-        assert isinstance(kind, StreamKind) and str(kind) == address and kind.live
+    for address in ("rtsp://me:secret@10.0.0.7/stream", "http://cam.local:8080/video"):
+        with pytest.raises(UserError, match="v4l2loopback") as refused:
+            parse_source(address)
+        assert "secret" not in str(refused.value)
