@@ -99,6 +99,11 @@ def activity(pid: int) -> tuple[int, bool]:
     return cpu_ns(pid), _ask(pid, "status") == "disk-sleep"
 
 
+def is_child(pid: int) -> bool:
+    """Whether this process has started that one, which still runs."""
+    return bool(_ask(pid, "ppid") == os.getpid())
+
+
 def rss_bytes(pid: int) -> int:
     """Resident memory of a process, including shared pages; 0 if it is gone."""
     memory = _ask(pid, "memory_info")
