@@ -140,11 +140,11 @@ class Server:
         if t_ns > self._used_since_ns + SECOND_NS:
             self._used_since_ns = t_ns
             self._used_ns.clear()
-        self._end_handshakes(t_ns)
         count = 0
         while count < SLICE and now_ns() < t_ns + SLICE_NS:
             ready = self._ready()
-            if not ready:
+            if not ready:  # after all that has arrived was read
+                self._end_handshakes(t_ns)
                 return
             for at, connection in enumerate(ready):
                 began_ns = now_ns()
