@@ -73,6 +73,8 @@ class Outcome:
     kind: EndKind
     reason: str
     """In a few words."""
+    signum: int = 0
+    """The signal, if that is the cause."""
     failure: str | None = None
     """The message for the user; None for a normal end."""
     remedy: str = ""
