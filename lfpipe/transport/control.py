@@ -173,7 +173,7 @@ def request(run_dir: Path, message: Message, timeout_s: float = 2.0) -> Message:
         data = encode(message)
     except BadMessage as error:
         raise UserError(
-            f"{message['cmd']}: the request cannot be sent: {error}",
+            f"{message.get('cmd')}: the request cannot be sent: {error}",
             "use a shorter one with plain values",
         ) from None
     remedy = "check whether it is running: `lfpipe monitor --once`"
