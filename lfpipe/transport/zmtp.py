@@ -72,8 +72,10 @@ class Connection:
     """The end of the handshake."""
     state: str = "greeting"
     """Then "handshake", "ready", and "closed"."""
+    name: bytes = b""
+    """Its own, which another connection may have taken; b"" if it has none."""
     identity: bytes = b""
-    """Its own, or a made one."""
+    """The name, or a made one."""
     subscribed: bool = False
     received: bytearray = attrs.field(factory=bytearray)
     parts: list[bytes] = attrs.field(factory=list)
@@ -246,6 +248,9 @@ class Server:
         self._programs -= Counter([connection.pid])
         if self._by_identity.get(connection.identity) is connection:
             del self._by_identity[connection.identity]
+            if name := connection.name:
+                for other in [one for one in self._open.values() if one.name == name][-1:]:
+                    self._identify(other, name)
         self._selector.unregister(connection.socket)
         connection.socket.close()
 
@@ -288,22 +293,22 @@ class Server:
         return []
 
     def _begin(self, connection: Connection, flags: int, body: bytes) -> None:
-        """Ends the handshake. A name that another connection has goes to this one: a restarted
-        stage has its old name.
+        """Ends the handshake. A name that another connection has goes to this one, until it ends: a
+        restarted stage has its old name.
         """
         about = _properties(body) if flags == COMMAND else {}
         if about.get(b"socket-type") not in connection.place.clients:
             self._close(connection)
             return
         connection.state = "ready"
-        name = about.get(b"identity")
-        if name and (earlier := self._by_identity.get(name)):
-            self._name(earlier, b"\0%d" % earlier.number)
-        self._name(connection, name or b"\0%d" % connection.number)
+        connection.name = about.get(b"identity", b"")
+        if connection.name and (earlier := self._by_identity.get(connection.name)):
+            self._identify(earlier, b"")
+        self._identify(connection, connection.name)
 
-    def _name(self, connection: Connection, identity: bytes) -> None:
-        connection.identity = identity
-        self._by_identity[identity] = connection
+    def _identify(self, connection: Connection, name: bytes) -> None:
+        connection.identity = name or b"\0%d" % connection.number
+        self._by_identity[connection.identity] = connection
 
     def _send(self, connection: Connection, frame: bytes) -> None:
         if connection.waiting_bytes + len(frame) > MAX_OUT_BYTES:

@@ -134,17 +134,21 @@ def test_publish_reaches_subscribers_of_everything(echo: Echo, tmp_path: Path) -
 
 
 def test_name_goes_to_the_client_that_has_taken_it_last(echo: Echo, tmp_path: Path) -> None:
-    with ExitStack() as clients, zmq.Context() as ctx:
-        for number in range(2):
-            client = clients.enter_context(ctx.socket(zmq.DEALER))
-            client.setsockopt(zmq.IDENTITY, b"stage")
-            client.setsockopt(zmq.LINGER, 0)
-            client.connect(f"ipc://{tmp_path / 'ask'}")
-            assert asked(echo, client, b"%d" % number) == [b"%d" % number]
+    with zmq.Context() as ctx, ctx.socket(zmq.DEALER) as first, ctx.socket(zmq.DEALER) as client:
+        for number, one in enumerate((first, client)):
+            one.setsockopt(zmq.IDENTITY, b"stage")
+            one.setsockopt(zmq.LINGER, 0)
+            one.connect(f"ipc://{tmp_path / 'ask'}")
+            assert asked(echo, one, b"%d" % number) == [b"%d" % number]
         echo.send(b"stage", b"for the second")
         echo.send(b"nobody", b"lost")
         assert client.poll(60_000) and client.recv() == b"for the second"
         assert len(echo.numbers()) == 2
+        client.close()
+        echo.serve(lambda: len(echo.numbers()) == 1)
+        assert asked(echo, first, b"again") == [b"again"]
+        echo.send(b"stage", b"for the first")
+        assert first.poll(60_000) and first.recv() == b"for the first"
 
 
 @pytest.mark.parametrize(
