@@ -74,7 +74,7 @@ def mutated(message: Message, chance: random.Random) -> Message:
         elif chance.random() < 0.15:
             place.pop(key, None)
         elif isinstance(inner, int | float) and chance.random() < 0.4:
-            place[key] = chance.choice([-inner, inner * 1e6, inner + 0.5, str(inner)])
+            place[key] = chance.choice([inner // 2, inner * 1e6, inner + 0.5, str(inner)])
         elif isinstance(inner, str) and chance.random() < 0.3:
             place[key] = chance.choice([inner * 50, inner[1:], inner.upper(), [inner]])
         else:
@@ -96,6 +96,8 @@ def test_mutated_requests_end_no_session_and_leave_nothing(world: World, scene: 
             if message.get("cmd") in LEFT_OUT or message.get("path") == str(scene):
                 continue
             data = msgpack.packb(message, unicode_errors="surrogateescape")
+            if len(data) > 2 * control.MAX_BYTES:
+                continue  # its client is disconnected
             if number % AS_STAGE == 0:
                 _as_stage(ctx, world, chance.choice(NAMES), data)
                 continue
