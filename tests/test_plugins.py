@@ -255,7 +255,8 @@ def test_plugin_engine_is_named_for_each_wrong_face(
     head = "import numpy as np\nfrom lfpipe.track.engine import Face\n"
     install({ENGINES: "bad = bad_parts:Engine"}, head=head, engine=engine)
     with pytest.raises(PluginError, match=rf"returns Face from detect: .*{why}"):
-        make_engine(Track(engine="bad")).detect(np.zeros((4, 4, 3), np.uint8))  # type: ignore[arg-type]
+        made_engine = make_engine(Track(engine="bad"))  # type: ignore[arg-type]
+        made_engine.detect(np.zeros((4, 4, 3), np.uint8))
 
 
 @pytest.mark.parametrize(

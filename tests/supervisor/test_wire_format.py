@@ -190,7 +190,8 @@ def test_wire_format_of_answers(tmp_path: Path) -> None:
     answers.append(reply_executor.REPLACED)
     sent: list[bytes] = []
     with closing(ControlSockets(tmp_path)) as sockets:
-        sockets._server.send = lambda identity, data: sent.append(data)  # type: ignore[method-assign]
+        server: Any = sockets._server
+        server.send = lambda _, data: sent.append(data)
         for answer in answers:
             sockets.answer(asked, 5, answer)
         sockets.answer(asked, 5, {"ok": True, "set": {"x": "y" * control.MAX_BYTES}})
