@@ -24,8 +24,12 @@ import importlib.metadata
 import logging
 import pkgutil
 from collections.abc import Callable, Collection, Iterator, Mapping
-from types import UnionType
-from typing import Any, TypeVar
+from types import FunctionType, UnionType
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
 
@@ -41,8 +45,75 @@ LAYOUTS, ENGINES, FILTERS, DISPLAYS, SOURCES, COMMANDS, STAGES, REQUESTS = GROUP
 )
 log = logging.getLogger(__name__)
 AND = " and "  # between packages that offer a plug-in of one name
-Results = Mapping[str, type | UnionType]
+# a type, as an annotation names it, or a function that converts a result and raises TypeError
+Hint = Any
+Results = Mapping[str, Hint]
 T = TypeVar("T")
+KINDS: dict[type, tuple[type, ...]] = {  # what a program may return for another type
+    int: (int, np.integer),
+    float: (int, float, np.integer, np.floating),
+    tuple: (tuple, list),
+}
+
+
+def conform(value: Any, hint: Hint) -> Any:
+    """value as a hint describes it: numbers, lists and tuples are converted, the fields of attrs
+    classes are checked. Raises TypeError that says what is wrong.
+    """
+    kind, inner = _origin(hint), get_args(hint)
+    if kind in (Union, UnionType):
+        for one in inner:
+            with contextlib.suppress(TypeError):
+                return conform(value, one)
+            if attrs.has(one) and isinstance(value, one):
+                return conform(value, one)  # raises what is wrong with it
+        raise TypeError(f"not {' or '.join(getattr(one, '__name__', str(one)) for one in inner)}")
+    if isinstance(kind, FunctionType):
+        return kind(value)
+    if kind is Any or not isinstance(kind, type):
+        return value
+    allowed: Any = KINDS.get(kind, kind)
+    if not isinstance(value, allowed):
+        raise TypeError(f"not {kind.__name__}")
+    if kind in (int, float):
+        return kind(value)
+    if kind is list and inner:
+        return [conform(one, inner[0]) for one in value]
+    if kind is tuple and inner:
+        kinds = inner[:1] * len(value) if inner[-1] is ... else inner
+        if len(value) != len(kinds):
+            raise TypeError(f"{len(value)} values instead of {len(kinds)}")
+        return tuple(map(conform, value, kinds))
+    if attrs.has(kind):
+        for name, part in _fields(kind).items():
+            try:
+                conform(getattr(value, name), part)
+            except TypeError as error:
+                raise TypeError(f"its {name}: {error}") from None
+    return value
+
+
+def _origin(hint: Hint) -> Any:
+    origin: Any = get_origin(hint)
+    return hint if origin is None else origin
+
+
+@functools.cache
+def _fields(kind: type) -> dict[str, Hint]:
+    hints = get_type_hints(kind)
+    return {field.name: hints[field.name] for field in attrs.fields(kind)}
+
+
+def array(*shape: int, kinds: str = "f") -> Callable[[Any], NDArray[Any]]:
+    """For `conform`: an array of that shape, of a dtype whose kind is one of those."""
+
+    def converted(value: Any) -> NDArray[Any]:
+        made = np.asarray(value, np.float64) if kinds == "f" else value
+        if not isinstance(made, np.ndarray) or made.shape != shape or made.dtype.kind not in kinds:
+            raise TypeError(f"not an array of {' x '.join(map(str, shape))}")
+        return made
+
+    return converted
 
 
 @functools.cache
@@ -73,27 +144,42 @@ class PluginError(UserError):
         self.name = name
 
 
+# Of the process that opens scenes: layouts that are not tried, and why.
+skipped: dict[str, str] = {}
+# There: called with a layout's name and what it does, and ("", "") afterwards, so that the parent
+# of the process knows whom to blame if it hangs or ends. Not for views, which threads read.
+watchers: list[Callable[[str, str], None]] = []
+
+
 @contextlib.contextmanager
 def _guarded(group: str, name: str, what: str) -> Iterator[None]:
     """Turns whatever another package's code raises, also SystemExit, into PluginError."""
+    watching = watchers if group == LAYOUTS and not what.endswith(" read") else ()
+    for watch in watching:
+        watch(name, what)
     try:
         yield
     except (UserError, KeyboardInterrupt):
         raise
     except BaseException as error:
-        failure = _broken(group, name, f"{what}: {type(error).__name__}: {error}")
+        failure = broken(group, name, f"{what}: {type(error).__name__}: {error}")
         log.warning("%s", failure.message, exc_info=True)
         raise failure from None
+    finally:
+        for watch in watching:
+            watch("", "")
 
 
-def _broken(group: str, name: str, why: str) -> PluginError:
+def broken(group: str, name: str, why: str) -> PluginError:
     package = plugins(group)[name]
     remedy = f"repair or uninstall {package.partition(' ')[0]}"
     return PluginError(name, f"{name} of {package} ({group}) {why}", remedy)
 
 
 class Guarded:
-    """A part of a plug-in: its calls raise PluginError, also for a result of a wrong type."""
+    """A part of a plug-in: its calls raise PluginError, also for a result that does not `conform`:
+    only what is checked here reaches other code.
+    """
 
     def __init__(self, part: Any, group: str, name: str, results: Results) -> None:
         self._part = part
@@ -103,7 +189,7 @@ class Guarded:
 
     def __getattr__(self, attribute: str) -> Any:
         value = getattr(self._part, attribute)
-        return functools.partial(self._call, attribute, value) if callable(value) else value
+        return self.bound(attribute, value) if callable(value) else self._taken(attribute, value)
 
     def __str__(self) -> str:
         return str(self._part)
@@ -112,17 +198,24 @@ class Guarded:
         """`guarded` for a part that this one has made."""
         return guarded(part, self._group, self._name, results)
 
-    def _call(
-        self, attribute: str, function: Callable[..., Any], *arguments: Any, **named: Any
-    ) -> Any:
-        with _guarded(self._group, self._name, f"fails in {attribute}"):
-            result = function(*arguments, **named)
-        kind = self._results.get(attribute, object)
-        if not isinstance(result, kind):
-            raise _broken(
-                self._group, self._name, f"returns {type(result).__name__} from {attribute}"
-            )
-        return result
+    def bound(self, attribute: str, function: Callable[..., Any], hint: Hint = None) -> Any:
+        """A function of the part, whose result is converted. hint: None for that of `results`."""
+
+        def call(*arguments: Any, **named: Any) -> Any:
+            with _guarded(self._group, self._name, f"fails in {attribute}"):
+                result = function(*arguments, **named)
+            return self._taken(attribute, result, hint)
+
+        return call
+
+    def _taken(self, attribute: str, result: Any, hint: Hint = None) -> Any:
+        try:
+            return conform(result, hint or self._results.get(attribute, object))
+        except PluginError:
+            raise
+        except Exception as error:
+            why = f"returns {type(result).__name__} from {attribute}: {error}"
+            raise broken(self._group, self._name, why) from None
 
 
 def load(group: str, name: str, built_in: Collection[str]) -> Any:
@@ -137,9 +230,9 @@ def load(group: str, name: str, built_in: Collection[str]) -> Any:
             "install the package that offers it; `lfpipe doctor` lists them",
         )
     if name in built_in:
-        raise _broken(group, name, "has the name of a built-in one")
+        raise broken(group, name, "has the name of a built-in one")
     if len(offers) > 1:
-        raise _broken(group, name, "is offered twice")
+        raise broken(group, name, "is offered twice")
     with _guarded(group, name, "cannot be loaded"):
         return offers[name].load()
 
@@ -162,9 +255,13 @@ def guarded(part: Any, group: str, name: str, results: Results) -> Any:
             missing = not hasattr(part, attribute)
             value = None if missing else getattr(part, attribute)
         if missing:
-            raise _broken(group, name, f"has no {attribute}")
-        if not callable(value) and not isinstance(value, kind):
-            raise _broken(group, name, f"has {type(value).__name__} as {attribute}")
+            raise broken(group, name, f"has no {attribute}")
+        if not callable(value):
+            try:
+                conform(value, kind)
+            except TypeError as error:
+                why = f"has {type(value).__name__} as {attribute}: {error}"
+                raise broken(group, name, why) from None
     return Guarded(part, group, name, results)
 
 
@@ -186,7 +283,7 @@ def declared(group: str, kind: type[T], built_in: Collection[str] = ()) -> dict[
         try:
             part = load(group, name, built_in)
             if not isinstance(part, kind):
-                raise _broken(group, name, f"is {type(part).__name__}, not {kind.__name__}")
+                raise broken(group, name, f"is {type(part).__name__}, not {kind.__name__}")
             found[name] = part
         except PluginError as error:
             log.warning("%s; it is skipped", error.message)
@@ -200,6 +297,8 @@ def loaded(group: str, built_in: Collection[str], results: Results) -> dict[str,
     """
     working = {}
     for name in plugins(group):
+        if group == LAYOUTS and name in skipped:
+            continue
         try:
             working[name] = guarded(load(group, name, built_in), group, name, results)
         except PluginError as error:

@@ -1,5 +1,7 @@
 """Plug-ins that fail: named with their package, and skipped if alternatives exist."""
 
+import os
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import NoneType
@@ -8,12 +10,14 @@ import numpy as np
 import pytest
 
 from lfpipe import config
+from lfpipe.capture.spec import parse_source
 from lfpipe.config import Scene, Track
+from lfpipe.config.modes import Plugin
 from lfpipe.errors import UserError
 from lfpipe.monitor.doctor import plugin_check
-from lfpipe.plugins import DISPLAYS, ENGINES, LAYOUTS, PluginError, entries, load, loaded
-from lfpipe.render.display.open_display import parse_display
-from lfpipe.scene import layouts
+from lfpipe.plugins import DISPLAYS, ENGINES, LAYOUTS, SOURCES, PluginError, entries, load, loaded
+from lfpipe.render.display.open_display import open_display, parse_display
+from lfpipe.scene import layouts, open_scene
 from lfpipe.track.filters.table import make_filter
 from lfpipe.track.make_engine import make_engine
 from tests.scene import made
@@ -156,3 +160,196 @@ def test_plugin_is_named_where_its_name_is_mistyped(install: Install) -> None:
     with pytest.raises(UserError) as error:
         parse_display("cuont:x")
     assert "count:ARGUMENT" in error.value.remedy
+
+
+FILTER = """
+class Filter:
+    restarts_after_loss = holds_when_hidden = False
+    reset = lambda self: None
+
+    def __init__(self, track, device_latency_s):
+        pass
+
+    def update(self, t_ns, measured):
+        import numpy as np
+
+        {update}
+"""
+SCREEN = """
+from lfpipe.host.presentation import Presented
+from lfpipe.render.display.display import Display, DisplayNotice
+from lfpipe.render.display.overlay import Event
+
+class Screen(Display):
+    def __init__(self, *_):
+        pass
+
+    {method} = lambda *_: {result}
+"""
+
+
+@pytest.mark.parametrize(
+    "update",
+    [
+        "return 1.0, 2.0, 3.0, 4.0",
+        "return measured",
+        "return measured, [[0, 0]]",
+        "return measured, measured, measured",
+        "return measured, 'fast'",
+        "return measured, np.zeros((3, 2))",
+    ],
+)
+def test_plugin_filter_returns_two_arrays_or_is_named(install: Install, update: str) -> None:
+    install({"lfpipe.filters": "bad = bad_parts:Filter"}, head=FILTER.format(update=update))
+    eyes = make_filter(Track(filter="bad"))
+    with pytest.raises(PluginError, match=r"bad of bad 1\.0 .* returns \w+ from update: "):
+        eyes.update(0, np.zeros((2, 2)))
+
+
+def test_plugin_filter_may_return_lists(install: Install) -> None:
+    update = "return [[[1, 2], [3, 4]], measured]"
+    install({"lfpipe.filters": "bad = bad_parts:Filter"}, head=FILTER.format(update=update))
+    position, velocity = make_filter(Track(filter="bad")).update(0, np.zeros((2, 2)))
+    assert position.dtype == np.float64 and position.tolist() == [[1, 2], [3, 4]]
+    assert velocity.shape == (2, 2)
+
+
+@pytest.mark.parametrize(
+    ("method", "result", "why"),
+    [
+        ("events", "3", "not list"),
+        ("events", "[3]", "not Event"),
+        ("events", "[Event(5)]", "its name: not str"),
+        ("events", "[Event('click', at_px=(1.0,))]", "its at_px: not "),
+        ("presented", "[Presented(1, None, 0)]", "its t_ns: not int"),
+        ("notices", "[DisplayNotice(b'x', True)]", "its text: not str"),
+        ("shown_px", "(640,)", "1 values instead of 2"),
+        ("shown_px", "('a', 'b')", "not int"),
+        ("width_mm", "'wide'", "not float or NoneType"),
+        ("show", "0.5", "not int"),
+    ],
+)
+def test_plugin_display_is_named_for_each_wrong_result(
+    install: Install, method: str, result: str, why: str
+) -> None:
+    head = SCREEN.format(method=method, result=result)
+    install({DISPLAYS: "bad = bad_parts:Screen"}, head=head)
+    screen = open_display(Plugin("bad", ""), (64, 48), "", 60.0, lambda: pytest.fail())
+    with pytest.raises(PluginError, match=rf"bad of bad 1\.0 .* returns \w+ from {method}: {why}"):
+        getattr(screen, method)()
+
+
+@pytest.mark.parametrize(
+    ("engine", "why"),
+    [
+        ("return Face([[1, 2], [3, 4]], 1.0, (0, 0, 9, 9))", "its eyes_px"),
+        ("return Face(np.zeros((2, 3)), 1.0, (0, 0, 9, 9))", "not an array of 2 x 2"),
+        ("return Face(np.zeros((2, 2)), 'sure', (0, 0, 9, 9))", "its confidence"),
+        ("return Face(np.zeros((2, 2)), 1.0, (0, 0, 9))", "its box_px"),
+        ("return Face(np.zeros((2, 2)), 1.0, (0, 0, 9, 9), head_px=np.zeros((2, 3)))", "10 x 3"),
+    ],
+)
+def test_plugin_engine_is_named_for_each_wrong_face(
+    install: Install, engine: str, why: str
+) -> None:
+    head = "import numpy as np\nfrom lfpipe.track.engine import Face\n"
+    install({ENGINES: "bad = bad_parts:Engine"}, head=head, engine=engine)
+    with pytest.raises(PluginError, match=rf"returns Face from detect: .*{why}"):
+        made_engine = make_engine(Track(engine="bad"))  # type: ignore[arg-type]
+        made_engine.detect(np.zeros((4, 4, 3), np.uint8))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"rows": "1.0"},
+        {"files": "('a',)"},
+        {"notes": "(1,)"},
+        {"max_value": "None"},
+        {"missing": "3"},
+        {"read": "None"},
+    ],
+)
+def test_plugin_scene_of_wrong_fields_is_skipped(
+    install: Install, tmp_path: Path, wrong: dict[str, str]
+) -> None:
+    ((name, value),) = wrong.items()
+    install({LAYOUTS: "bad = bad_parts"}, describe=f"return scene_of(listing, {name}={value})")
+    scene = made.write_grid(tmp_path / "png", made.wall(2, 2, 32, 40))
+    source = layouts.describe(scene, Scene())
+    assert (source.rows, source.cols) == (2, 2) and "bad of bad 1.0" in source.notes[0]
+
+
+SOURCE = """
+import attrs
+import numpy as np
+from lfpipe.capture.frame_source import Frame, SourceInfo
+from lfpipe.capture.spec import SourceKind
+
+class Opened:
+    info = SourceInfo({info})
+
+    def read(self, out):
+        {read}
+
+    def close(self):
+        pass
+
+class Kind(SourceKind):
+    form = "bad:"
+
+    @classmethod
+    def parse(cls, rest):
+        return cls()
+
+    def open(self, camera):
+        {open}
+"""
+
+
+@pytest.mark.parametrize(
+    ("wrong", "why"),
+    [
+        ({"open": "return 5"}, "has no info"),
+        ({"info": "'x', 640, 30.0, True"}, "its size_px: not tuple"),
+        ({"read": "return 5"}, "returns int from read"),
+        ({"read": "return Frame(1, None, 0)"}, "its t_sensor_ns: not int"),
+        ({"read": "raise SystemExit"}, "fails in read"),
+    ],
+)
+def test_plugin_source_is_named_for_each_wrong_result(
+    install: Install, wrong: dict[str, str], why: str
+) -> None:
+    usual = {"info": "'x', (64, 48), 30.0, True", "read": "return None", "open": "return Opened()"}
+    install({SOURCES: "bad = bad_parts:Kind"}, head=SOURCE.format(**usual | wrong))
+    for make in (parse_source("bad:").open, lambda camera: parse_source("bad:").opener(camera)()):
+        with pytest.raises(PluginError, match=rf"bad of bad 1\.0 .*{why}"):
+            make(config.Camera()).read(np.zeros((48, 64, 3), np.uint8))
+
+
+@pytest.mark.parametrize(
+    ("detect", "why"),
+    [
+        ("import os; os._exit(0)", "ends the process"),
+        ("import os; os.abort()", "ends the process"),
+        ("while True: pass", "does not end"),
+    ],
+)
+def test_plugin_layout_that_ends_or_blocks_the_packer_is_named_and_skipped(
+    install: Install, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, detect: str, why: str
+) -> None:
+    install({LAYOUTS: "bad = bad_parts"}, detect=detect)
+    monkeypatch.setattr(open_scene, "PLUGIN_S", 2.0)
+    monkeypatch.setattr(open_scene.Packing, "faults", {})
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    packages = [str(tmp_path / "packages"), *filter(None, [os.environ.get("PYTHONPATH")])]
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(packages))
+    scene = made.write_grid(tmp_path / "png", made.wall(2, 2, 32, 40))
+    manifest = open_scene.ask_manifest(scene, Scene())
+    assert (manifest.rows, manifest.cols) == (2, 2)
+    assert any(f"bad of bad 1.0 (lfpipe.layouts) {why}" in note for note in manifest.notes)
+    began = time.monotonic()
+    open_scene.ask_manifest(made.write_grid(tmp_path / "two", made.wall(2, 2, 32, 40)), Scene())
+    assert time.monotonic() - began < 60, "it is not tried again"
+    with pytest.raises(PluginError, match=rf"bad of bad 1\.0 .* {why}"):
+        open_scene.ask_manifest(scene, Scene(layout="bad"))

@@ -11,6 +11,7 @@ import attrs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lfpipe.api.arguments import numbers, typed
 from lfpipe.config import Config, Scene, updated
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import replaced
@@ -27,6 +28,7 @@ KEPT_S = 7 * 86400.0  # arrays that nobody has opened for so long are removed fr
 ScenePath = str | os.PathLike[str]
 
 
+@typed
 def open_scene(
     scene: ScenePath | LightField | ArrayLike | None = None,
     settings: Mapping[str, Any] | None = None,
@@ -66,7 +68,7 @@ def scene_path(
     its content. Raises UserError.
     """
     known = {
-        name: value
+        name: numbers(name, value)
         for name, value in (("disparity", disparity), ("positions", positions))
         if value is not None
     }
@@ -78,7 +80,7 @@ def scene_path(
                 f"{scene or 'the demo'}: only arrays have {', '.join(known)}", "leave them out"
             )
         return None if scene is None else named_scene(Path(scene), cache_dir(config))
-    views = np.asarray(scene)
+    views = numbers("scene", scene)
     if views.ndim == 6 and views.shape[3] in (1, 3) and views.shape[-1] > 3:
         raise UserError(
             f"the array has its planes before height and width: {views.shape}",
@@ -114,6 +116,7 @@ def scene_path(
     return path
 
 
+@typed
 def render_view(
     field: LightField, row: float, col: float, *, method: str = "auto", frame: int = 0
 ) -> NDArray[np.uint8]:
@@ -129,6 +132,7 @@ def render_view(
     return ViewRenderer(field, method).render(row, col, frame)
 
 
+@typed
 def render_anaglyph(
     field: LightField,
     left: tuple[float, float],

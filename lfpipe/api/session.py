@@ -8,6 +8,8 @@ import os
 import re
 import subprocess
 import time
+import warnings
+import weakref
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Self
@@ -16,11 +18,13 @@ import attrs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lfpipe.api.arguments import typed
 from lfpipe.api.scenes import ScenePath, scene_path
 from lfpipe.api.tracker import Eyes
 from lfpipe.config import Config, Snapshot, converter, updated
 from lfpipe.errors import ERROR_FILE, UserError
 from lfpipe.files.safe_files import temporary_folder
+from lfpipe.host import signals
 from lfpipe.host.child import NULL, Child, python
 from lfpipe.host.files import exists
 from lfpipe.monitor.session_reader import Watch
@@ -34,7 +38,7 @@ from lfpipe.transport.status import State
 
 CHECK = "check this machine with `lfpipe doctor`"
 LOOK_S = 0.001  # between two polls of a ring
-STOPPED = (0, -15, 143)  # exit codes of a session that did not fail
+STOPPED = (0, -signals.END, 128 + signals.END)  # exit codes of a session that did not fail
 START_S = 600.0  # a scene may be packed first
 STOP_S, LOAD_S = 30.0, 900.0  # a recording is completed at the end; a large scene is packed first
 
@@ -54,6 +58,7 @@ class Attachment:
     commands. Raises lfpipe.UserError if no session of that name runs.
     """
 
+    @typed
     def __init__(self, session: str = "default") -> None:
         self.name = session
         self._session = find(session)
@@ -80,11 +85,13 @@ class Attachment:
     def _config(self) -> Config:
         return converter().structure(self.ask({"cmd": "hello"}), Snapshot).config
 
+    @typed
     def frame(self, timeout_s: float = 2.0) -> Frame:
         """The next camera frame. Raises lfpipe.UserError if none arrives in time."""
         picture: NDArray[np.uint8] = np.empty(self._reader("frames").shape, np.uint8)
         return Frame(picture, self._next("frames", picture, timeout_s))
 
+    @typed
     def eyes(self, timeout_s: float = 2.0) -> Eyes | None:
         """The eyes of the next frame; None if it shows no face.
 
@@ -131,6 +138,7 @@ class Attachment:
         self._require_session()
         return self._watch.read().to_dict()
 
+    @typed
     def ask(self, message: control.Message, timeout_s: float = 3.0) -> control.Message:
         """Sends a command (docs/contracts.md) and returns the answer.
 
@@ -139,6 +147,7 @@ class Attachment:
         self._require_session()
         return control.request(self._session.run_dir, message, timeout_s)
 
+    @typed
     def set(self, settings: Mapping[str, Any]) -> None:
         """Changes live keys: all of them, or none if one is refused: `set({"render.method":
         "nearest"})`.
@@ -152,6 +161,7 @@ class Attachment:
         path = Path(scene_path(scene, self._config().scene) or "")
         self.ask({"cmd": "load", "scene": str(path.resolve())}, LOAD_S)
 
+    @typed
     def wait(self, timeout_s: float | None = None) -> bool:
         """Waits until the session has ended; False if it still runs after timeout_s."""
         end = None if timeout_s is None else time.monotonic() + timeout_s
@@ -199,6 +209,7 @@ class Session(Attachment):
     lfpipe.UserError.
     """
 
+    @typed
     def __init__(
         self,
         scene: ScenePath | LightField | ArrayLike | None = None,
@@ -237,6 +248,8 @@ class Session(Attachment):
             env={**os.environ, ERROR_FILE: str(self._error_file)},
             own_session=True,
         )
+        self._abandoned = weakref.finalize(self, _end_abandoned, name, self._process, os.getpid())
+        self._abandoned.atexit = False  # the session ends with the program
         try:
             self._wait_for_start(name)
         except BaseException:
@@ -272,6 +285,7 @@ class Session(Attachment):
             return ": it was stopped, or its source ended"
         return f": {self._failure().message}"
 
+    @typed
     def wait(self, timeout_s: float | None = None) -> bool:
         """Waits until the session has ended; False if it still runs after timeout_s.
 
@@ -286,9 +300,8 @@ class Session(Attachment):
 
     def stop(self) -> None:
         """Ends the session, and returns when it has left nothing behind. May be called again."""
-        self._process.end()
-        self._process.wait(STOP_S)
-        self._process.close()
+        self._abandoned.detach()
+        _end(self._process)
         self._failure()  # keeps the error, and removes the file
 
     def __exit__(self, *_: object) -> None:
@@ -299,6 +312,29 @@ class Session(Attachment):
 attach = Attachment
 
 
+def _end(process: Child) -> None:
+    """Ends a session, and returns when it has left nothing behind. It gets a signal, too, because a
+    program that was started from here may hold its standard input open.
+    """
+    process.end()
+    process.signal(signals.END)
+    process.wait(STOP_S)
+    process.close()
+
+
+def _end_abandoned(name: str, process: Child, owner: int) -> None:
+    """For a `Session` that is garbage: its processes would run on."""
+    if os.getpid() != owner:  # of a child that was forked
+        return
+    warnings.warn(
+        f"the session {name!r} was not stopped: use it in a `with` block, or call stop()",
+        ResourceWarning,
+        stacklevel=2,
+    )
+    _end(process)
+
+
+@typed
 def replay(
     sequence: str | os.PathLike[str],
     scene: ScenePath | LightField | ArrayLike | None = None,

@@ -10,6 +10,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.api.arguments import typed
 from lfpipe.config import Config, updated
 from lfpipe.errors import UserError
 from lfpipe.eyes import EYES, extrapolated
@@ -64,6 +65,7 @@ class Tracker:
     Raises lfpipe.UserError for wrong settings and for missing libraries of an engine.
     """
 
+    @typed
     def __init__(self, settings: Mapping[str, Any] | None = None) -> None:
         config = updated(Config(), settings or {})
         self._tracker = EyeTracker(config.track)

@@ -327,11 +327,42 @@ def parse_source(text: str) -> SourceKind:
     elif prefix in plugins(SOURCES):
         kind = guarded(load(SOURCES, prefix, KINDS), SOURCES, prefix, {"parse": SourceKind | None})
         source = kind.parse(rest)
-        source = source and kind.guard(source, {})
+        source = source and _guarded_kind(kind, source)
     if source is None:
         remedy = NETWORK if prefix in STREAMS else f"use one of {forms()}"
         raise UserError(f"{redacted(text)!r}: not a frame source", remedy)
     return source
+
+
+def _guarded_kind(parser: Any, source: SourceKind) -> Any:
+    """The kind of a plug-in: what it returns is checked, and what it opens, too."""
+    from lfpipe.capture.frame_source import Frame, SourceInfo
+
+    results = {"info": SourceInfo, "read": Frame | None, "close": object}
+
+    def opened(result: Any) -> Any:
+        return parser.guard(result, results)
+
+    def opener(function: Any) -> Any:
+        return parser.bound("open", function, opened)
+
+    return parser.guard(
+        source,
+        {
+            "open": opened,
+            "opener": opener,
+            "probe": SourceInfo | None,
+            "definite": str,
+            "name_in_measurements": str,
+            "once": str,
+            "clock": Clock,
+            "file": Path | None,
+            "upright": bool,
+            "live": bool,
+            "time_limit_s": float,
+            "remedy": str,
+        },
+    )
 
 
 def playing_once(text: str) -> str:

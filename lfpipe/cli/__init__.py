@@ -20,6 +20,8 @@ from lfpipe._version import __version__
 from lfpipe.cli.plugged import AddedCommand, ExtensibleGroup, added
 from lfpipe.cli.terminal import print_error, say
 from lfpipe.errors import UserError
+from lfpipe.host import signals
+from lfpipe.host.processes import leave
 from lfpipe.host.terminal import protect_output
 from lfpipe.log import set_up
 
@@ -160,11 +162,24 @@ def _reader_ended() -> NoReturn:
     sys.exit(141)
 
 
-def run(notify: Callable[[UserError], None] = print_error) -> None:
-    """Runs the command line. A user error prints one message and ends with exit code 2.
+def run(notify: Callable[[UserError], None] = print_error) -> NoReturn:
+    """Runs the command line and ends the process. A user error prints one message and ends with
+    exit code 2.
 
     notify: shows an error.
     """
+    try:
+        _run(notify)
+    except SystemExit as end:
+        leave(end.code if isinstance(end.code, int) else 1)
+        raise
+    except Exception:
+        sys.excepthook(*sys.exc_info())
+        leave(1)
+        sys.exit(1)
+
+
+def _run(notify: Callable[[UserError], None]) -> NoReturn:
 
     def fail(error: UserError) -> NoReturn:
         log.debug("the command failed", exc_info=True)
@@ -176,6 +191,7 @@ def run(notify: Callable[[UserError], None] = print_error) -> None:
     codecs.register_error("path", _path_bytes)
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="path")
+    signals.end_cleanly()
     try:
         _check_working_folder()
         code = cli(prog_name="lfpipe", standalone_mode=False)
@@ -188,8 +204,8 @@ def run(notify: Callable[[UserError], None] = print_error) -> None:
         error.show(words)
         say(words.getvalue().rstrip())
         sys.exit(2)
-    except click.Abort:
-        sys.exit(130)
+    except click.Abort as error:
+        sys.exit(signals.exit_code(error.__cause__))
     except BrokenPipeError:
         _reader_ended()
     # caused by this machine: a full disk, a folder without permissions, a lost drive

@@ -8,10 +8,12 @@ first line and calls `end_with_parent`, which ends the child when that pipe ends
 import contextlib
 import os
 import runpy
+import select
 import signal
 import subprocess
 import sys
 import threading
+import weakref
 from collections.abc import Mapping, Sequence
 from typing import IO
 
@@ -63,6 +65,7 @@ class Child:
         finally:
             os.close(held)
         self.pid = self.process.pid
+        _running.add(self)
         assert self.process.stdin is not None
         if line:
             with contextlib.suppress(BrokenPipeError):  # `exit_code` then reports it
@@ -107,15 +110,29 @@ class Child:
             self.ended_fd = -1
 
 
+def _release_pipes() -> None:
+    """In a forked process: its copies of the pipes would keep the children of its parent."""
+    for child in list(_running):
+        with contextlib.suppress(OSError):
+            child.end()
+
+
+_running = weakref.WeakSet[Child]()
+os.register_at_fork(after_in_child=_release_pipes)
+
+
 def end_with_parent() -> None:
     """In a child: sends SIGTERM to this process when its parent ends, or closes its standard
-    input.
+    input, which a fork of the parent may hold open.
     """
-    threading.Thread(target=_wait_for_parent, name="parent", daemon=True).start()
+    signs = [0]
+    with contextlib.suppress(AttributeError, OSError):  # not on this system
+        signs.append(os.pidfd_open(os.getppid()))
+    threading.Thread(target=_wait_for_parent, args=(signs,), name="parent", daemon=True).start()
 
 
-def _wait_for_parent() -> None:
-    while os.read(0, 4096):
+def _wait_for_parent(signs: list[int]) -> None:
+    while select.select(signs, [], [])[0] == [0] and os.read(0, 4096):
         pass
     os.kill(os.getpid(), signal.SIGTERM)
 

@@ -39,6 +39,11 @@ def allow_files() -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
 
 
+def free_files() -> int:
+    """How many more files this process may open."""
+    return resource.getrlimit(resource.RLIMIT_NOFILE)[0] - len([*Path("/dev/fd").iterdir()])
+
+
 def check_threads(count: int) -> None:
     """Raises UserError unless this user may start that many more threads or processes now.
     Otherwise libraries would abort, or fail with messages of their own.

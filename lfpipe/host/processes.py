@@ -4,11 +4,14 @@ its parent.
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import ctypes
 import multiprocessing
 import os
 import signal
+import sys
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -69,6 +72,19 @@ def end_with_parent(parent_pid: int) -> bool:
     return os.getppid() == parent_pid
 
 
+def leave(code: int) -> None:
+    """Ends this process if a daemon thread is left; else returns. The thread may be inside native
+    code: the end of the interpreter would unwind it, and C++ then aborts the process.
+    """
+    if not any(thread.daemon for thread in threading.enumerate()):
+        return
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(AttributeError, OSError, ValueError):  # closed, or its reader is
+            stream.flush()
+    os._exit(code)
+
+
 def resume_stage(pid: int) -> None:
     """Resumes a stopped stage; does nothing if it is gone, because another program may have its
     number.
@@ -97,6 +113,11 @@ def cpu_ns(pid: int) -> int:
 def activity(pid: int) -> tuple[int, bool]:
     """As `cpu_ns`, and whether the process waits for a disk or a network drive."""
     return cpu_ns(pid), _ask(pid, "status") == "disk-sleep"
+
+
+def is_child(pid: int) -> bool:
+    """Whether this process has started that one, which still runs."""
+    return bool(_ask(pid, "ppid") == os.getpid())
 
 
 def rss_bytes(pid: int) -> int:

@@ -13,6 +13,28 @@ SENT_TWICE = (signal.SIGHUP,)  # the shell and the kernel both send it
 TERMINAL = (signal.SIGINT, signal.SIGHUP, signal.SIGQUIT)  # Ctrl-C, the window closed, Ctrl-\\
 
 
+class Interrupted(KeyboardInterrupt):
+    """A signal that ends the command as Ctrl-C does."""
+
+    def __init__(self, signum: int) -> None:
+        super().__init__(signal.strsignal(signum))
+        self.signum = signum
+
+
+def exit_code(error: BaseException | None) -> int:
+    """That of a command which this has interrupted, as a shell reports it."""
+    return 128 + (error.signum if isinstance(error, Interrupted) else signal.SIGINT)
+
+
+def end_cleanly() -> None:
+    """From now on, SIGTERM raises Interrupted: a command removes what it has begun."""
+
+    def interrupt(signum: int, _frame: FrameType | None) -> None:
+        raise Interrupted(signum)
+
+    signal.signal(END, interrupt)
+
+
 @contextlib.contextmanager
 def blocked() -> Iterator[None]:
     """Processes started inside the block begin with these signals blocked."""

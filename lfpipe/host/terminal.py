@@ -43,19 +43,32 @@ class Keyboard:
 
 
 class _Forgiving(io.FileIO):
-    """Drops output that its descriptor does not accept instead of raising."""
+    """Drops output that its descriptor does not accept instead of raising. patience_s: time for a
+    reader; None for any.
+    """
+
+    def __init__(self, fd: int, patience_s: float | None) -> None:
+        super().__init__(fd, "w", closefd=False)
+        self._patience_s = self._left_s = patience_s
 
     def write(self, data: Any) -> int:
         try:
+            if self._patience_s is not None:
+                ready = select.select([], [self], [], self._left_s)[1]
+                # once: a reader that has stopped delays nothing else
+                self._left_s = self._patience_s if ready else 0.0
+                if not ready:
+                    return len(data)
+                data = data[: select.PIPE_BUF]  # what a pipe that is ready takes at once
             return os.write(self.fileno(), data)
         # EIO: the terminal is closed; EPIPE: the reader has ended; ENOSPC: the disk is full
         except OSError:
             return len(data)
 
 
-def protect_output(*names: str) -> None:
-    """Makes the named ones of sys.stdout and sys.stderr drop output instead of raising. Redirected
-    streams (a test's) stay.
+def protect_output(*names: str, patience_s: float | None = None) -> None:
+    """Makes the named ones of sys.stdout and sys.stderr drop output instead of raising, and after
+    patience_s without a reader instead of waiting. Redirected streams (a test's) stay.
 
     Opens /dev/null for those of 0, 1 and 2 that are closed: otherwise the next opened file would
     become standard error.
@@ -77,7 +90,7 @@ def protect_output(*names: str) -> None:
             encoding = stream.encoding
             errors = stream.errors or "strict"
         lines = name == "stderr" or os.isatty(fd)
-        forgiving = io.BufferedWriter(_Forgiving(fd, "w", closefd=False))
+        forgiving = io.BufferedWriter(_Forgiving(fd, patience_s))
         setattr(sys, name, io.TextIOWrapper(forgiving, encoding, errors, line_buffering=lines))
 
 

@@ -20,13 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config.modes import MouseViewer, RecordedEyes
-from lfpipe.errors import redacted
+from lfpipe.errors import UserError, redacted
 from lfpipe.eyes import EYES
 from lfpipe.host.files import exists
 from lfpipe.host.machine import versions
 from lfpipe.host.processes import yield_to_others
 from lfpipe.sequence.eyes import eyes_line
-from lfpipe.sequence.folder import MANIFEST, SequenceWriter, remove_empty
+from lfpipe.sequence.folder import MANIFEST, SequenceWriter, make_out, remove_empty
 from lfpipe.sequence.packets import encoded
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
 from lfpipe.transport.context import Context
@@ -180,10 +180,12 @@ class Recorder:
     """The main thread's part: reads frames or eyes, updates the status row, reports errors."""
 
     def __init__(self, context: Context, folder: Path) -> None:
-        """Raises OSError if nothing can be written."""
+        """Raises OSError, UserError if nothing can be written."""
         self._context = context
         self._folder = folder
         anew = not exists(folder / MANIFEST)
+        if anew and not (exists(folder) and not any(folder.iterdir())):  # not made by a killed one
+            make_out(folder)
         self._lost_before = int(context.row["drops"]) if anew else 0
         self._frames = FrameReader(context)
         self._reported = self._slow = False
@@ -271,9 +273,10 @@ def main(context: Context) -> None:
     folder = Path(context.options.record)
     try:
         recorder = Recorder(context, folder)
-    except OSError as error:
+    except (OSError, UserError) as error:
         context.ready()
-        _give_up(context, f"recording {folder}: {error.strerror}; nothing is recorded")
+        why = error.strerror if isinstance(error, OSError) else error.message
+        _give_up(context, f"recording {folder}: {why}; nothing is recorded")
         context.ack_config()
         while context.wait():
             context.ack_config()

@@ -38,6 +38,7 @@ from lfpipe.config.quality import lowered
 from lfpipe.errors import UserError
 from lfpipe.eyes import EYES, EyesRecord
 from lfpipe.host.processes import run_on
+from lfpipe.plugins import PluginError
 from lfpipe.render.choice import DisplayTime, EyesSource
 from lfpipe.render.display.display import Display
 from lfpipe.render.display.file_display import save
@@ -424,7 +425,10 @@ class RenderStage:
         if picture is not None and (failure := save(Path(still), picture)):
             self._context.report_lost(failure)
         self._presenter.close()
-        self._display.close()
+        try:
+            self._display.close()
+        except PluginError as error:  # its file may be incomplete, and nobody waits for the stage
+            self._context.report_lost(error.message)
         self._ui.pass_on_notices()
 
 

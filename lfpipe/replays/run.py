@@ -21,6 +21,7 @@ from lfpipe.config.modes import CameraViewer, Live, Lossless, RecordedEyes, Repl
 from lfpipe.errors import UserError
 from lfpipe.files.output import write_output, written_by_lfpipe
 from lfpipe.files.safe_files import PRIVATE_FOLDER, WORK_NAME, reason
+from lfpipe.host import signals
 from lfpipe.host.file_lock import take_folder
 from lfpipe.host.files import is_dir
 from lfpipe.render.listeners.replay_writer import PICTURES
@@ -222,7 +223,7 @@ def replay(
     `clear_out`); returns the report.
 
     pace: step, max, recorded or a rate in Hz. pictures: store some for comparison. Raises UserError
-    for a user error, ReplayFailed if a stage fails.
+    for a user error, ReplayFailed if a stage fails, signals.Interrupted.
     """
     from lfpipe.supervisor.effects import EndKind
     from lfpipe.supervisor.supervisor import run_session
@@ -245,6 +246,8 @@ def replay(
     outcome = run_session(Session(f"replay.{os.getpid()}"), config, options, tell)
     if outcome.user_error:
         raise UserError(outcome.failure or outcome.reason, outcome.remedy)
+    if outcome.kind is EndKind.SIGNAL:
+        raise signals.Interrupted(outcome.signum)
     if outcome.failure or outcome.kind is not EndKind.SOURCE_ENDED:
         raise ReplayFailed(outcome.failure or outcome.reason)
     assert outcome.final is not None

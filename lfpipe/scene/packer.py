@@ -8,6 +8,7 @@ object:
     {"step": "views", "done": 7, "total": 81}   progress
     {"summary": {...}}                          the pack can be shown, still without disparity
     {"log": "..."}                              a decision and its reason
+    {"layout": name, "does": "..."}             code of another package runs; {"layout": ""}: ended
 
 Result: the summary of the pack; the `Manifest` of the scene; or nothing after previews, which are
 steps {"preview": path, "data": base 64, "" for none}.
@@ -27,6 +28,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe import plugins
 from lfpipe.config import Scene, converter
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area
@@ -75,6 +77,8 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
     scene_log = logging.getLogger("lfpipe.scene")
     scene_log.setLevel(logging.INFO)
     scene_log.handlers = [_LogOfParent(report)]
+    plugins.skipped.update(asked.without)
+    plugins.watchers.append(lambda name, does: report(layout=name, does=does))
     paths = [Path(text) for text in asked.scenes]
     watch_files(lambda path: report(reading=str(path)))
 

@@ -68,7 +68,7 @@ def is_sequence(path: Path) -> bool:
     return os.path.lexists(path / MANIFEST)
 
 
-def check_out(path: Path) -> None:
+def make_out(path: Path) -> None:
     """Creates the empty folder of a new sequence, private to its owner: frames show a person.
 
     Raises UserError if that fails, or if path exists.
@@ -83,6 +83,15 @@ def check_out(path: Path) -> None:
         raise UserError(
             f"{path}: {reason(error)}", "name a folder in a directory that you may write to"
         ) from None
+
+
+def check_out(path: Path) -> None:
+    """Raises UserError unless `make_out` would succeed now. Leaves nothing."""
+    missing = [folder for folder in (path, *path.parents) if not os.path.lexists(folder)]
+    make_out(path)
+    with contextlib.suppress(OSError):  # another program uses one of them already
+        for folder in missing:
+            folder.rmdir()
 
 
 def remove_empty(path: Path) -> None:
@@ -143,9 +152,9 @@ def new_sequence(
     path: Path, source: str, size_px: tuple[int, int], rate_hz: float, **more: Any
 ) -> Iterator[SequenceWriter]:
     """A `SequenceWriter` in a new folder. If the body fails, the folder is removed. Raises
-    UserError as `check_out`, and if the disk is full.
+    UserError as `make_out`, and if the disk is full.
     """
-    check_out(path)
+    make_out(path)
     try:
         writer = SequenceWriter(path, source, size_px, rate_hz, **more)
         yield writer

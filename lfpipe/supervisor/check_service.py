@@ -64,21 +64,21 @@ class FileChecks(Service):
             yield Respond(event.request, partial(_reply, event=event, t_ns=t_ns))
 
     def events(self) -> list[CheckEvent]:
-        """Reads the children's output; returns the finished checks. Ends the checks of clients that
-        have disconnected, except writes.
+        """Reads the children's output; returns the finished checks. A check whose client has
+        disconnected is completed, because a killed one could leave files, but only writes count.
         """
         done = []
         connections = self._connections()
         for command, (request, worker) in list(self._running.items()):
             worker.read()
-            if worker.done:
-                done.append(_ended(request, worker))
-            elif request.connection not in connections and command != "keep":
-                logger.info("%s cancelled: its client is gone", command)
-                worker.close()
-            else:
+            if not worker.done:
                 continue
             del self._running[command]
+            event = _ended(request, worker)
+            if command == "keep" or request.connection in connections:
+                done.append(event)
+            else:
+                logger.info("%s cancelled: its client is gone", command)
         if self._waiting and self._waiting[0][0].command not in self._running:
             request, check = self._waiting.popleft()
             try:

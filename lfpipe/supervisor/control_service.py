@@ -4,8 +4,7 @@ import logging
 from collections.abc import Iterator, Sequence
 from functools import partial
 
-import zmq
-
+from lfpipe.errors import plain
 from lfpipe.supervisor.control_sockets import ControlSockets, Request
 from lfpipe.supervisor.effects import Answer, Effect, Notify, Respond, Service
 from lfpipe.supervisor.pending_answers import PendingAnswers
@@ -14,7 +13,7 @@ from lfpipe.supervisor.requests import Reply, respond
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.supervisor.session_store import SessionStore
 from lfpipe.supervisor.stage_process import StageProcesses
-from lfpipe.transport.clock import MS_NS, now_ns
+from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
 from lfpipe.transport.control import EXECUTED, Message
 
 logger = logging.getLogger(__name__)
@@ -22,6 +21,9 @@ PENDING_NS = 4 * MS_NS  # between two checks of the stages while answers wait fo
 ASKED_OFTEN = ("hello", "status", "pictures")  # requests that change nothing
 SHOWN_TOPICS = ("source", "notice")  # telemetry for people
 LOGGED_TOPICS = ("parallax",)  # it changes with the viewer's distance
+# of telemetry: more lines than a person reads, also when every stage has restarted at once
+MAX_LINES, LINES_NS = 20, SECOND_NS
+MAX_LINE = 2000  # characters; a line of ours has some hundred
 
 
 class Control(Service):
@@ -32,20 +34,29 @@ class Control(Service):
     def __init__(self, sockets: ControlSockets, pending: PendingAnswers) -> None:
         self._sockets = sockets
         self._pending = pending
+        self._lines = 0  # since _lines_ns
+        self._lines_ns = 0
 
     @property
-    def fds(self) -> Sequence[int | zmq.Socket[bytes]]:
-        return self._sockets.pollable()
+    def fds(self) -> Sequence[int]:
+        return self._sockets.fds
 
     def wait_ns(self, t_ns: int) -> int:
-        return self._sockets.rest_ns() or super().wait_ns(t_ns)
+        wait_ns = self._sockets.wait_ns()
+        return super().wait_ns(t_ns) if wait_ns is None else wait_ns
 
     def update(self, state: SessionState, t_ns: int) -> Iterator[Effect]:
-        for request in self._sockets.requests():
-            yield Respond(request, partial(self._reply, request=request))
-        for message in self._sockets.telemetry():
-            yield from self._notices(message)
-        self._sockets.update_connections()
+        if t_ns > self._lines_ns + LINES_NS:
+            self._lines_ns = t_ns
+            self._lines = 0
+        for arrived in self._sockets.arrived():
+            if isinstance(arrived, Request):
+                yield Respond(arrived, partial(self._reply, request=arrived))
+                continue
+            for effect in self._notices(arrived):
+                self._lines += 1
+                if self._lines <= MAX_LINES:
+                    yield effect
 
     def _reply(self, state: SessionState, request: Request) -> Reply:
         request.decode()
@@ -63,9 +74,9 @@ class Control(Service):
         notes = message.get("notes")
         for text in notes if isinstance(notes, list) and notes else [message.get("text")]:
             if isinstance(text, str) and text and topic in LOGGED_TOPICS:
-                logger.info(text)
+                logger.info("%.500s", text)
             elif isinstance(text, str) and text:
-                yield Notify(text)
+                yield Notify(plain(text, MAX_LINE))
 
 
 class Delivery(Service):

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import attrs
-import zmq
 
 from lfpipe.supervisor.control_sockets import Request
 from lfpipe.supervisor.metrics import SessionMetrics
@@ -74,6 +73,8 @@ class Outcome:
     kind: EndKind
     reason: str
     """In a few words."""
+    signum: int = 0
+    """The signal, if that is the cause."""
     failure: str | None = None
     """The message for the user; None for a normal end."""
     remedy: str = ""
@@ -93,8 +94,8 @@ class Service:
     """Whether an error of `update` is only logged, because it handles messages from outside."""
 
     @property
-    def fds(self) -> Sequence[int | zmq.Socket[bytes]]:
-        """Descriptors and sockets that wake the supervisor."""
+    def fds(self) -> Sequence[int]:
+        """Descriptors that wake the supervisor."""
         return ()
 
     def wait_ns(self, t_ns: int) -> int:

@@ -55,7 +55,7 @@ class Limits(Service):
 
     def update(self, state: SessionState, t_ns: int) -> Iterator[Effect]:
         if self._signals:
-            yield Outcome(kind=EndKind.SIGNAL, reason="interrupted")
+            yield Outcome(kind=EndKind.SIGNAL, reason="interrupted", signum=self._signals[0])
         if self._duration_s is None:
             return
         if self._end_ns is None and self._stages.are_ready(state.options):

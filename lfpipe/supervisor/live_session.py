@@ -56,12 +56,11 @@ logger = logging.getLogger(__name__)
 class LiveSession:
     """One session. stages: its processes.
 
-    Raises UserError, OSError, zmq.ZMQError if it cannot start, and then leaves nothing behind.
+    Raises UserError, OSError if it cannot start, and then leaves nothing behind.
     """
 
     def __init__(
         self,
-        ctx: zmq.Context[zmq.Socket[bytes]],
         session: Session,
         state: SessionState,
         notify: Callable[[str], None],
@@ -78,7 +77,9 @@ class LiveSession:
             self._store = parts.enter_context(closing(SessionStore(session, state)))
             self._table = self._store.table
             self._started_ns = self._begin().started_ns
-            self._sockets = parts.enter_context(closing(ControlSockets(ctx, session.run_dir)))
+            self._sockets = parts.enter_context(
+                closing(ControlSockets(session.run_dir, self.notify))
+            )
             self._pending = PendingAnswers()
             self._replies = parts.enter_context(
                 closing(

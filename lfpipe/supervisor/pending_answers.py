@@ -27,6 +27,8 @@ class _Pending:
     """The latest time of the answer."""
     rev: int = 0
     """The revision that the stages apply; 0 if they execute a command."""
+    on_trial: bool = False
+    """Whether a rollback undoes the request."""
     missing: set[str] = attrs.field(factory=set)
     """The stages that have not executed it."""
 
@@ -41,10 +43,18 @@ class PendingAnswers:
     def __bool__(self) -> bool:
         return bool(self._pending)
 
-    def await_revision(self, request: Request, answer: Message, rev: int, t_ns: int) -> None:
-        """The answer waits until the stages have applied revision rev. t_ns: now."""
+    def await_revision(
+        self, request: Request, answer: Message, rev: int, t_ns: int, on_trial: bool
+    ) -> None:
+        """The answer waits until the stages have applied revision rev. t_ns: now. on_trial: whether
+        a rollback undoes the request.
+        """
         self._pending[next(self._numbers)] = _Pending(
-            request=request, answer=answer, until_ns=t_ns + APPLY_NS, rev=rev
+            request=request,
+            answer=answer,
+            until_ns=t_ns + APPLY_NS,
+            rev=rev,
+            on_trial=on_trial,
         )
 
     def await_stages(self, request: Request, stages: tuple[str, ...], t_ns: int) -> int:
@@ -65,16 +75,18 @@ class PendingAnswers:
             return
         pending.missing.discard(stage)
         result = {key: value for key, value in message.items() if key not in OF_THE_MESSAGE}
-        if not result.pop("ok"):
+        if result.pop("ok", None) is not True:
             pending.answer = {"ok": False, **result} if pending.answer["ok"] else pending.answer
         elif result and pending.answer["ok"]:
             stages = {**pending.answer.get("stages", {}), stage: result}
             pending.answer = {**pending.answer, "stages": stages}
 
     def refuse_changes(self, why: str) -> Iterator[tuple[Request, Message]]:
-        """The answers to all requests that wait for a change that was rolled back."""
+        """The answers to all requests that wait for a change that was rolled back; the others
+        were not undone, and wait for the stages.
+        """
         for number, pending in list(self._pending.items()):
-            if pending.rev:
+            if pending.on_trial:
                 del self._pending[number]
                 yield pending.request, {"ok": False, "error": why}
 

@@ -21,8 +21,6 @@ from lfpipe.transport.clock import now_ns
 from lfpipe.transport.control import BadMessage, Message
 
 logger = logging.getLogger(__name__)
-# keys that make a message an answer or a change of configuration: a client cannot send them on
-RESERVED = frozenset(("ok", "error", "remedy", "config", "options", "number", "rev"))
 INTERNAL = {
     "ok": False,
     "error": "internal error",
@@ -110,9 +108,8 @@ class ReplyExecutor:
                 self.answer(replaced, REPLACED)
         elif reply.executed_by:
             number = self._pending.await_stages(request, reply.executed_by, now_ns())
-            passed = {key: request.message[key] for key in request.message.keys() - RESERVED}
-            for stage in reply.executed_by:
-                self._sockets.send(stage, {**passed, "number": number})
+            for stage in reply.executed_by:  # nothing else of the request reaches a stage
+                self._sockets.send(stage, {"cmd": request.command, "number": number})
         else:
             self._answer(request, reply)
         if not reply.stop:
@@ -128,10 +125,11 @@ class ReplyExecutor:
         answer = {"ok": True, **reply.answer}
         if reply.with_stages:
             answer |= self._metrics().to_dict()
-        rev = self._store.state.rev
-        if reply.state is not None:
-            self._store.apply(reply.state)
-        if self._store.state.rev == rev:
+        before = self._store.state
+        state = before if reply.state is None else reply.state
+        self._store.apply(state)
+        if state.rev == before.rev:
             self.answer(request, answer)
         else:
-            self._pending.await_revision(request, answer, self._store.state.rev, now_ns())
+            on_trial = state.replaces_basis_of(before)
+            self._pending.await_revision(request, answer, state.rev, now_ns(), on_trial)

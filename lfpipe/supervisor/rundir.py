@@ -14,8 +14,6 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import zmq
-
 from lfpipe.errors import UserError
 from lfpipe.host import file_lock, processes, segment
 from lfpipe.host.file_lock import Lock
@@ -100,7 +98,7 @@ def filled(session: Session) -> Iterator[None]:
     """
     try:
         yield
-    except (OSError, zmq.ZMQError) as error:
+    except OSError as error:
         path = getattr(error, "filename", None) or session.run_dir
         what = "free space there" if error.errno in (errno.ENOSPC, errno.EDQUOT) else "remove it"
         raise UserError(

@@ -93,6 +93,17 @@ class SessionState:
         """The current level."""
         return self.options.level or self.levels[0]
 
+    def replaces_basis_of(self, earlier: SessionState) -> bool:
+        """Whether this state, one change after an earlier one, may be rolled back: the change has
+        set a part of the basis, perhaps to an equal value.
+        """
+        parts = zip(
+            attrs.astuple(self.basis, recurse=False),
+            attrs.astuple(earlier.basis, recurse=False),
+            strict=True,
+        )
+        return any(part is not before for part, before in parts)
+
     def message(self) -> Message:
         """The control message for the stages."""
         snapshot = Snapshot(

@@ -14,10 +14,10 @@ from lfpipe.supervisor import rundir
 from lfpipe.supervisor.effects import Outcome
 from lfpipe.supervisor.live_session import LiveSession
 from lfpipe.supervisor.session_state import SessionState
-from lfpipe.transport import control
 from lfpipe.transport.session import Session
 
 logger = logging.getLogger(__name__)
+READER_S = 0.2  # for a terminal or program to read messages: a session does not wait longer
 
 
 def run_session(
@@ -41,7 +41,8 @@ def run_session(
         swept = rundir.sweep()
         lock = rundir.acquire(session)
         session = session.with_token()
-    protect_output("stdout", "stderr")
+    protect_output("stdout")
+    protect_output("stderr", patience_s=READER_S)
     arrived: list[int] = []
     live: LiveSession | None = None
 
@@ -54,13 +55,11 @@ def run_session(
     try:
         log = session_log.kept_in(session.run_dir)
         signalled = signals.handled(take_signal)
-        with signalled, log, control.context() as ctx:
+        with signalled, log:
             if swept:
                 logger.info("removed what dead sessions left: %s", ", ".join(swept))
             with rundir.filled(session):
-                live = LiveSession(
-                    ctx, session, SessionState.first(config, options), notify, packing
-                )
+                live = LiveSession(session, SessionState.first(config, options), notify, packing)
             with contextlib.closing(live):
                 outcome = live.loop(duration_s, arrived, lock)
             logger.info(

@@ -1,9 +1,8 @@
 """Control messages: msgpack maps in single-part ZeroMQ messages, checked before use.
 
-    ctl   ROUTER of the supervisor, answered by `supervisor/requests.py`; stages and commands are
-          DEALERs
-    bus   PULL of the supervisor; stages PUSH telemetry, which is dropped if nobody receives it
-    tap   XPUB of the supervisor; monitors subscribe to events
+    ctl   of the supervisor, answered by `supervisor/requests.py`; stages and commands are DEALERs
+    bus   of the supervisor; stages PUSH telemetry, which is dropped if nobody receives it
+    tap   of the supervisor; monitors SUB to events, all or none
 
 State is never sent over tap: `hello` answers with a snapshot. Every message carries the version
 "v".
@@ -24,7 +23,6 @@ MAX_DEPTH = 8  # the snapshot needs 4
 FILE_CHECK_TIMEOUT_S = 15.0  # for an answer to `trace` and `record`, whose paths are checked first
 EXECUTED = "executed"  # with it, a stage answers a command that it has executed
 MAX_ID_BYTES = 64  # of the id of a request
-QUEUE = 64  # messages that may wait on either side of a socket, per client
 Message = dict[str, Any]  # plain values by name
 
 
@@ -165,16 +163,6 @@ def connect(socket: zmq.Socket[bytes], run_dir: Path, name: str) -> None:
     socket.connect(f"ipc://{run_dir / name}")
 
 
-def bind(socket: zmq.Socket[bytes], run_dir: Path, name: str) -> None:
-    """Makes a socket reachable under name, with limited memory: a message above MAX_BYTES gets an
-    error answer, one above twice that size none. Raises zmq.ZMQError.
-    """
-    socket.setsockopt(zmq.MAXMSGSIZE, 2 * MAX_BYTES)
-    socket.set_hwm(QUEUE)
-    socket.bind(f"ipc://{run_dir / name}")
-    (run_dir / name).chmod(0o600)
-
-
 def request(run_dir: Path, message: Message, timeout_s: float = 2.0) -> Message:
     """Sends one command to the session in run_dir and returns its answer.
 
@@ -185,7 +173,7 @@ def request(run_dir: Path, message: Message, timeout_s: float = 2.0) -> Message:
         data = encode(message)
     except BadMessage as error:
         raise UserError(
-            f"{message['cmd']}: the request cannot be sent: {error}",
+            f"{message.get('cmd')}: the request cannot be sent: {error}",
             "use a shorter one with plain values",
         ) from None
     remedy = "check whether it is running: `lfpipe monitor --once`"

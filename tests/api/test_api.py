@@ -110,6 +110,35 @@ def test_api_names_mistakes_with_a_remedy(
     assert why in refusal(call, field).message
 
 
+SESSION: Any = lfpipe.Session
+OPEN: Any = lfpipe.open_scene
+REPLAY: Any = lfpipe.replay
+VIEWS = np.zeros((1, 2, 8, 8, 3), np.uint8)
+WRONG: list[tuple[Callable[[], object], str]] = [
+    (lambda: SESSION(settings=3j), "settings must be Mapping or NoneType, not complex"),
+    (lambda: SESSION(settings=np.zeros(3)), "settings must be Mapping or NoneType, not ndarray"),
+    (lambda: SESSION(settings={1: 2}), "settings must have keys that are text"),
+    (lambda: SESSION(camera=0), "camera must be str or NoneType, not int"),
+    (lambda: SESSION(trace=[]), "trace must be str or PathLike or NoneType, not list"),
+    (lambda: SESSION(lambda: 0), "scene must be an array of numbers, not function"),
+    (lambda: SESSION([[1], [1, 2]]), "scene must be an array: "),
+    (lambda: SESSION(np.array([object()])), "scene must be an array of numbers, not an array of"),
+    (lambda: lfpipe.attach(5), "session must be str, not int"),  # type: ignore[arg-type]
+    (lambda: lfpipe.Tracker("x"), "settings must be Mapping"),  # type: ignore[arg-type]
+    (lambda: OPEN(VIEWS, invert_depth=1), "invert_depth must be bool or NoneType, not int"),
+    (lambda: OPEN(VIEWS, disparity=lambda: 0), "disparity must be an array of numbers"),
+    (lambda: REPLAY(b"/x"), "sequence must be str or PathLike, not bytes"),
+    (lambda: REPLAY("/x", pace=30), "pace must be str, not int"),
+]
+
+
+@pytest.mark.parametrize(("call", "words"), WRONG)
+def test_api_names_the_parameter_of_a_wrong_type(call: Callable[[], object], words: str) -> None:
+    with pytest.raises(TypeError) as raised:
+        call()
+    assert str(raised.value).startswith(words)
+
+
 @pytest.mark.parametrize(
     "frame",
     [None, np.zeros((48, 64), np.uint8), np.zeros((48, 64, 3)), np.zeros((0, 0, 3), np.uint8), "x"],

@@ -106,6 +106,16 @@ class Screen:
     def show(self, *_):
         return None
 
+class Closing(Screen):
+    def show(self, *_):
+        return 1
+
+    def shown_px(self, picture_px):
+        return picture_px
+
+    def close(self):
+        raise KeyError("shut")
+
 def nothing(*_):
     return None
 """
@@ -115,6 +125,7 @@ engine = never:Engine
 crash = never:Crash
 [lfpipe.displays]
 screen = never:Screen
+closing = never:Closing
 nothing = never:nothing
 """
 
@@ -147,3 +158,11 @@ def test_plugin_engine_that_ends_its_process_ends_the_session(world: World, scen
     done = world.run(*words, "--duration", "2")
     assert done.returncode == 1, done.stderr
     assert "track failed before its first eyes: it never worked" in done.stderr
+
+
+def test_plugin_display_that_cannot_close_fails_the_session(world: World, scene: Path) -> None:
+    install_never(world)
+    words = ("up", scene, "--camera", "demo", "--display", "closing")
+    done = world.run(*words, "--duration", "2")
+    assert done.returncode == 1 and "Traceback" not in done.stderr, done.stderr
+    assert "closing of never 1.0 (lfpipe.displays) fails in close: KeyError: 'shut'" in done.stderr

@@ -2,6 +2,7 @@
 ends.
 """
 
+import gc
 import os
 import signal
 import subprocess
@@ -147,3 +148,56 @@ def test_session_in_a_notebook(home: World, scene: Path, monkeypatch: pytest.Mon
     shown = [cell["outputs"][-1]["data"]["text/plain"] for cell in notebook["cells"]]
     assert shown == ["(480, 640, 3)", "'blend'", "True"]
     assert home.segments() == []
+
+
+FORKING = """
+import ctypes, multiprocessing, sys, time
+import lfpipe
+
+session = lfpipe.Session({scene!r}, camera="demo", name="forking", settings={settings!r})
+if sys.argv[1] == "python":
+    multiprocessing.get_context("fork").Process(target=time.sleep, args=(600,)).start()
+elif ctypes.PyDLL(None).fork() == 0:  # by a library: Python does not know
+    time.sleep(600)
+print("runs", flush=True)
+sys.stdin.readline()
+began = time.monotonic()
+session.stop()
+print(time.monotonic() - began, flush=True)
+time.sleep(600)
+"""
+
+
+@pytest.mark.parametrize("how", ["python", "library"])
+@pytest.mark.parametrize("end", ["stop", "kill"])
+def test_session_of_a_program_that_forks_ends_in_time(
+    home: World, scene: Path, how: str, end: str
+) -> None:
+    code = FORKING.format(scene=str(scene), settings=QUICK)
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, how],
+        env=home.env,
+        cwd=home.root,
+        text=True,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    home.running.append(process)
+    assert process.stdin is not None and process.stdout is not None
+    assert process.stdout.readline() == "runs\n" and home.segments()
+    if end == "kill":
+        process.kill()
+        home.wait_for(lambda: not home.segments(), "end of the session", 20)
+    else:
+        process.stdin.write("\n")
+        process.stdin.flush()
+        assert float(process.stdout.readline()) < 20 and not home.left()
+
+
+def test_session_that_is_garbage_is_stopped_with_a_warning(home: World, scene: Path) -> None:
+    session = lfpipe.Session(scene, camera="demo", name="lost", settings=QUICK)
+    session.frame()
+    with pytest.warns(ResourceWarning, match=r"the session 'lost' was not stopped"):
+        del session
+        gc.collect()
+    assert not home.left()

@@ -1,12 +1,14 @@
 """Which events end a session: failures of a stage, and changes that a stage cannot apply."""
 
+import signal
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from lfpipe.errors import UserError
-from tests.support.world import World, write_package, write_scene
+from lfpipe.transport import control
+from tests.support.world import World, connected, write_package, write_scene
 
 CAMERA = ("--set", "render.clock=camera", "--set", "render.method=nearest")
 
@@ -119,3 +121,31 @@ def test_plugin_that_never_works_ends_a_session_with_code_1(
     assert world.ask(cmd="stop")["ok"]
     err = world.ended(process, code=1)
     assert err.count(words) == 2 and f"{words}: it never worked" in err
+
+
+@pytest.mark.live
+def test_stage_that_dies_with_a_setting_undoes_it_and_nothing_else(
+    world: World, scene: Path
+) -> None:
+    """What is refused is undone, and what was done is not called refused."""
+    world.shows(scene, *CAMERA)
+    before = world.ask(cmd="hello")
+    with connected(world.session_dir) as client:
+        world.kill("render", signal.SIGSTOP)
+        for message in (
+            {"cmd": "set", "set": {"render.swap_eyes": True}},
+            {"cmd": "pause"},
+            {"cmd": "pictures", "lease_s": 60},
+        ):
+            client.send(control.encode(message))
+        world.wait_for(lambda: world.ask(cmd="hello")["options"]["pictures"], "the last one")
+        world.kill("render")
+        answers: dict[str, bool] = {}
+        while len(answers) < 3:
+            assert client.poll(60_000), answers
+            answer = control.decode(client.recv())
+            answers[answer["cmd"]] = answer["ok"]
+    assert answers == {"set": False, "pause": True, "pictures": True}
+    after = world.ask(cmd="hello")
+    assert after["config"] == before["config"]
+    assert after["paused"] and after["options"]["pictures"]

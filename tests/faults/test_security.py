@@ -14,6 +14,7 @@ import pytest
 
 from lfpipe.errors import UserError
 from lfpipe.host.segment import SHM_DIR
+from lfpipe.sequence.folder import open_sequence
 from lfpipe.supervisor import rundir
 from lfpipe.transport import control
 from lfpipe.transport.session import Session
@@ -135,3 +136,29 @@ def test_load_takes_one_scene_at_a_time_and_the_last_one_wins(
     assert sum(answer["ok"] for answer in answers) >= 1 and len(answers) == 30
     assert any(answer.get("replaced") for answer in answers)
     assert Path(guarded.ask(cmd="hello")["options"]["scene"]["name"]).name == "last"
+
+
+@pytest.mark.live
+def test_recordings_that_come_to_nothing_leave_nothing(guarded: World, tmp_path: Path) -> None:
+    """The same command works afterwards."""
+    out = tmp_path / "new" / "recording"
+    for _ in range(5):
+        with connected(guarded.session_dir) as client:  # it leaves during the check
+            client.send(control.encode({"cmd": "record", "path": str(out)}))
+        guarded.wait_for(lambda: _free(guarded), "the end of the check")
+        assert not guarded.ask(cmd="hello")["options"]["record"] and not out.parent.exists()
+    guarded.ask(cmd="record", path=str(out))
+    guarded.ask(cmd="record", path="")
+    guarded.wait_for(lambda: guarded.monitor()["stages"]["record"]["state"] != "RUNNING", "its end")
+    if out.exists():  # it was quick enough
+        assert open_sequence(out).packets
+        shutil.rmtree(out)
+    assert guarded.ask(cmd="record", path=str(out))["applied"]
+    guarded.ask(cmd="record", path="")
+
+
+def _free(world: World) -> bool:
+    """Whether a recording may be checked now: that of a relative path is refused either way."""
+    with pytest.raises(UserError) as refused:
+        world.ask(cmd="record", path="/dev/null/x")
+    return "being checked" not in refused.value.message

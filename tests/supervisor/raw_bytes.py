@@ -16,8 +16,13 @@ def _frame(flags: int, body: bytes) -> bytes:
     return bytes([flags, len(body)]) + body
 
 
-READY = _frame(4, b"\x05READY\x0bSocket-Type\x00\x00\x00\x06DEALER\x08Identity\x00\x00\x00\x00")
-PUSHING = _frame(4, b"\x05READY\x0bSocket-Type\x00\x00\x00\x04PUSH")
+def ready(kind: bytes) -> bytes:
+    """The handshake of a socket of that type."""
+    return _frame(4, b"\x05READY\x0bSocket-Type" + len(kind).to_bytes(4) + kind)
+
+
+READY = ready(b"DEALER")
+PUSHING = ready(b"PUSH")
 
 
 def byte_strings(count: int, seed: int = 1) -> Iterator[bytes]:

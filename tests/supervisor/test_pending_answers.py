@@ -3,7 +3,7 @@
 from lfpipe.supervisor.control_sockets import Request
 from lfpipe.supervisor.pending_answers import APPLY_NS, EXECUTE_NS, PendingAnswers
 
-FIRST, SECOND = Request(b"first"), Request(b"second")
+FIRST, SECOND, THIRD = Request(b"first"), Request(b"second"), Request(b"third")
 
 
 def answers(pending: PendingAnswers, applied_rev: int, t_ns: int) -> list[tuple[bytes, object]]:
@@ -13,14 +13,20 @@ def answers(pending: PendingAnswers, applied_rev: int, t_ns: int) -> list[tuple[
 
 def test_pending_answers_await_a_revision() -> None:
     pending = PendingAnswers()
-    pending.await_revision(FIRST, {"ok": True}, 2, 0)
-    pending.await_revision(SECOND, {"ok": True}, 3, 10)
+    pending.await_revision(FIRST, {"ok": True}, 2, 0, False)
+    pending.await_revision(SECOND, {"ok": True}, 3, 10, False)
     assert answers(pending, 1, APPLY_NS) == [] and pending
     assert answers(pending, 2, APPLY_NS) == [(b"first", True)]
     assert answers(pending, 2, APPLY_NS + 11) == [(b"second", False)] and not pending
-    pending.await_revision(FIRST, {"ok": True}, 4, 0)
+
+
+def test_pending_answers_refuse_only_what_is_undone() -> None:
+    pending = PendingAnswers()
+    pending.await_revision(FIRST, {"ok": True}, 4, 0, True)
+    pending.await_revision(SECOND, {"ok": True}, 5, 0, False)
+    pending.await_stages(THIRD, ("render",), 0)
     assert list(pending.refuse_changes("why")) == [(FIRST, {"ok": False, "error": "why"})]
-    assert not pending
+    assert answers(pending, 6, 1) == [(b"second", True)] and pending
 
 
 def test_pending_answers_await_all_stages() -> None:

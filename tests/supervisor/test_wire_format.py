@@ -189,8 +189,9 @@ def test_wire_format_of_answers(tmp_path: Path) -> None:
     answers: list[Any] = [{"ok": True, "applied": False}, reply_executor.INTERNAL]
     answers.append(reply_executor.REPLACED)
     sent: list[bytes] = []
-    with control.context() as ctx, closing(ControlSockets(ctx, tmp_path)) as sockets:
-        sockets._send = lambda client, data: sent.append(data)  # type: ignore[method-assign]
+    with closing(ControlSockets(tmp_path)) as sockets:
+        server: Any = sockets._server
+        server.send = lambda _, data: sent.append(data)
         for answer in answers:
             sockets.answer(asked, 5, answer)
         sockets.answer(asked, 5, {"ok": True, "set": {"x": "y" * control.MAX_BYTES}})

@@ -7,6 +7,7 @@ import click
 from lfpipe.cli.options import PATH, Number
 from lfpipe.cli.terminal import print_result, say
 from lfpipe.errors import UserError
+from lfpipe.host import signals
 
 
 @click.command()
@@ -114,9 +115,9 @@ def sweep(
     try:
         with progress() as bar:
             outcomes = run_sweep(cells, out, workers, options, bar, say)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as error:
         say(f"interrupted; finished cells are in {out}; the same command continues")
-        return 130
+        return signals.exit_code(error)
     page = write(outcomes, out, junit)
     wrong = [outcome for outcome in outcomes if outcome.state in (FAILED, DIFFERS)]
     for outcome in wrong:

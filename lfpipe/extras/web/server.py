@@ -13,8 +13,10 @@ import ipaddress
 import logging
 import secrets
 import socket
+from collections import Counter
 from collections.abc import Awaitable, Callable, Iterable
 from contextlib import aclosing
+from functools import partial
 from http import HTTPStatus
 from pathlib import Path
 from typing import Any, cast
@@ -23,6 +25,7 @@ import attrs
 import cv2
 from tornado.httpserver import HTTPServer
 from tornado.httputil import HTTPConnection, HTTPMessageDelegate
+from tornado.ioloop import IOLoop
 from tornado.iostream import StreamClosedError
 from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler
@@ -30,6 +33,7 @@ from tornado.web import Application, HTTPError, RequestHandler
 from lfpipe.errors import UserError
 from lfpipe.extras.web.page_feed import Feed
 from lfpipe.files.untrusted import json_fields
+from lfpipe.host.limits import allow_files, free_files
 from lfpipe.transport.control import Message
 
 STATIC = Path(__file__).parent / "static"
@@ -46,7 +50,13 @@ COMMAND_FORM = f"send a JSON map with cmd, one of {', '.join(COMMANDS)}"
 TIMEOUT_S = 10.0
 MAX_COMMAND_BYTES = 4 << 10
 MAX_STREAMS, MAX_WATCHERS = 32, 30  # two streams are reserved for a teacher
-MAX_STRANGERS = 64  # connections not yet admitted; one more closes the oldest one
+# connections that are not admitted: a class opens the page with six each. One more closes the
+# oldest one of the address that has most
+MAX_STRANGERS = 192
+ACCEPTS = 8  # at a time: each is answered before more are accepted
+WAITING = 1024  # connections to accept: the kernel makes those above it wait for seconds
+BACK_OFF_S = 1.0  # until the next try where no descriptor is free
+END_S = 1.0  # for answers that are being sent at the end
 NO_TOKEN = (
     "the token is missing or wrong: open the address that `lfpipe monitor --web` printed; it ends"
     " in /?token=..."
@@ -65,6 +75,7 @@ HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Cache-Control": "no-store",
 }
+OWN_NAME = socket.gethostname().lower()
 log = logging.getLogger(__name__)
 
 
@@ -102,7 +113,7 @@ def named(host_header: str, bound: str) -> bool:
     """
     name, _, port = host_header.lower().rpartition(":")
     name = name if port.isdigit() else host_header.lower()
-    if name in ("localhost", bound.lower(), socket.gethostname().lower()):
+    if name in ("localhost", bound.lower(), OWN_NAME):
         return True
     try:
         ipaddress.ip_address(name.removeprefix("[").removesuffix("]"))
@@ -145,35 +156,71 @@ class Site:
 
 
 class Server(HTTPServer):
-    """Tornado's server with limits. Must be created inside a running event loop."""
+    """Tornado's server with limits. Must be created inside a running event loop.
+
+    A connection ends with its answer, so that nobody holds one for nothing, except for streams and
+    holders of the token, who are admitted.
+    """
 
     def initialize(self, app: Application) -> None:  # type: ignore[override]
         """Tornado's replacement for __init__."""
-        self._admitted: dict[Any, bool] = {}  # streams in order of arrival
+        self._strangers: dict[Any, str] = {}  # streams in order of arrival, and their addresses
+        self._most = min(MAX_STRANGERS, free_files() // 2)
         app.settings.update(admit=self.admit, log_function=lambda handler: None)
         super().initialize(
             app,
+            no_keep_alive=True,
             idle_connection_timeout=TIMEOUT_S,
             body_timeout=TIMEOUT_S,
             max_header_size=16 << 10,
             max_body_size=64 << 10,
         )
 
+    def add_sockets(self, sockets: Iterable[socket.socket]) -> None:
+        """As Tornado's, which would try again at once when no descriptor is free."""
+        loop = IOLoop.current()
+        for sock in sockets:
+            self._sockets[sock.fileno()] = sock
+            self._handlers[sock.fileno()] = partial(loop.remove_handler, sock)
+            loop.add_handler(sock, self._accept, IOLoop.READ)
+
+    def _accept(self, sock: socket.socket, _events: int) -> None:
+        for _ in range(ACCEPTS):
+            try:
+                connection, address = sock.accept()
+            except (BlockingIOError, ConnectionAbortedError):
+                return
+            except OSError as error:
+                log.warning("no connection accepted for %g s: %s", BACK_OFF_S, error.strerror)
+                loop = IOLoop.current()
+                loop.update_handler(sock, 0)
+                loop.call_later(BACK_OFF_S, self._accept_again, sock)
+                return
+            self._handle_connection(connection, address)
+
+    def _accept_again(self, sock: socket.socket) -> None:
+        if sock.fileno() in self._handlers:  # else the server has stopped
+            IOLoop.current().update_handler(sock, IOLoop.READ)
+
     def admit(self, stream: Any) -> None:
         """Marks a connection as admitted."""
-        self._admitted[stream] = True
+        self._strangers.pop(stream, None)
 
     def start_request(self, server_conn: Any, request_conn: HTTPConnection) -> HTTPMessageDelegate:
         """Called by Tornado when a connection starts to wait for a request."""
-        self._admitted.setdefault(server_conn.stream, False)
-        strangers = [stream for stream, admitted in self._admitted.items() if not admitted]
-        for stream in strangers[:-MAX_STRANGERS]:
-            stream.close()
+        if server_conn.stream.closed():  # requests sent with its first one; Tornado answers all
+            raise asyncio.CancelledError
+        self._strangers[server_conn.stream] = str(server_conn.context.remote_ip)
+        if len(self._strangers) > self._most:
+            ((busiest, _),) = Counter(self._strangers.values()).most_common(1)
+            oldest = next(one for one, address in self._strangers.items() if address == busiest)
+            del self._strangers[oldest]
+            oldest.close()
         return super().start_request(server_conn, request_conn)
 
     def on_close(self, server_conn: Any) -> None:
         """Called by Tornado when a connection has ended."""
-        self._admitted.pop(server_conn.stream, None)
+        self._strangers.pop(server_conn.stream, None)
         super().on_close(server_conn)
 
 
@@ -216,7 +263,8 @@ class Handler(RequestHandler):
         if not self.token:
             raise HTTPError(HTTPStatus.FORBIDDEN, NO_TOKEN)
         self.only_watches = self.token == self.site.watch_token
-        self.settings["admit"](self.stream)
+        if not self.only_watches:
+            self.settings["admit"](self.stream)
 
     def write_error(self, status_code: int, **kwargs: Any) -> None:
         """Answers with {"ok": false, "error": reason}."""
@@ -287,6 +335,7 @@ class Events(Handler):
             raise HTTPError(
                 HTTPStatus.SERVICE_UNAVAILABLE, f"the limit of {limit} viewers is reached"
             )
+        self.settings["admit"](self.stream)
         self.set_header("Content-Type", "text/event-stream")
         async with aclosing(self.site.feed.events(with_camera=not self.only_watches)) as events:
             async for event in events:
@@ -336,8 +385,9 @@ def serve(name: str, address: str, tell: Callable[[str], None]) -> None:
     Raises UserError if the port is in use.
     """
     host, port = parse_address(address)
+    allow_files()
     try:
-        sockets = bind_sockets(port, host)
+        sockets = bind_sockets(port, host, backlog=WAITING)
     except OSError as error:
         raise UserError(
             f"--web {host}:{port}: {error.strerror or error}",
@@ -368,7 +418,8 @@ def serve(name: str, address: str, tell: Callable[[str], None]) -> None:
         finally:
             server.stop()
             await site.feed.end()
-            await server.close_all_connections()
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(server.close_all_connections(), END_S)
 
     with contextlib.suppress(KeyboardInterrupt):
         asyncio.run(serving())

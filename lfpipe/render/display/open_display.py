@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 from lfpipe.config.modes import Nothing, Plugin, Target, VideoFile, Window
 from lfpipe.errors import UserError
 from lfpipe.host.machine import has_desktop
+from lfpipe.host.presentation import Presented
 from lfpipe.plugins import DISPLAYS, Results, load, make, plugins
-from lfpipe.render.display.display import Display
-from lfpipe.render.display.overlay import Pointer
+from lfpipe.render.display.display import Display, DisplayNotice
+from lfpipe.render.display.overlay import Event, Pointer
 
 if TYPE_CHECKING:
     from lfpipe.render.display.window import OverlayView
@@ -69,12 +70,12 @@ RESULTS: Results = {  # types of a display's attributes and results
     "vblank_source": str,
     "knows_rows": bool,
     "show": int,
-    "events": list,
-    "presented": list,
-    "notices": list,
-    "nominal_hz": int | float,
-    "shown_px": tuple,
-    "width_mm": int | float | None,
+    "events": list[Event],
+    "presented": list[Presented],
+    "notices": list[DisplayNotice],
+    "nominal_hz": float,
+    "shown_px": tuple[int, int],
+    "width_mm": float | None,
     "overlay": object,
     "title": object,
     "close": object,

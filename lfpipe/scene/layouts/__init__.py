@@ -8,15 +8,17 @@ import os
 import pkgutil
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import attrs
 import numpy as np
+from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header, read_picture
 from lfpipe.host.machine import install_command
-from lfpipe.plugins import LAYOUTS, Guarded, PluginError, Results, loaded
+from lfpipe.plugins import LAYOUTS, Guarded, PluginError, Results, array, loaded, skipped
 from lfpipe.scene.files import VIDEOS, Listing, is_picture, library_errors, list_scene
 from lfpipe.scene.layouts._candidates import Candidate, ranked
 from lfpipe.scene.layouts._folders import inner_listing, note_of
@@ -80,7 +82,7 @@ def _described_by_any(
     """The scene at path; skips plug-in layouts that fail. Raises UserError, also if scene.layout
     names one of them.
     """
-    failed: list[str] = []
+    failed = [f"{why}; it is skipped" for why in skipped.values()]
     while True:
         try:
             source = _source_of(known, list_scene(path), scene)
@@ -198,7 +200,7 @@ def _source_of(known: dict[str, Layout], given: Listing, scene: config.Scene) ->
     source = layout.describe(listing, scene)
     source = attrs.evolve(source, notes=(*source.notes, *_unused(source)))
     if isinstance(layout, Guarded):  # a plug-in
-        source = attrs.evolve(source, read=layout.guard(source, {"read": np.ndarray}).read)
+        source = _guarded_source(layout, source)
     if inner is not None:
         source = attrs.evolve(
             source, path=given.path, notes=(*source.notes, *filter(None, [note_of(given, inner)]))
@@ -220,6 +222,23 @@ def _unused(source: SceneSource) -> list[str]:
     if holding and source.layout not in ("rgbd", "gif"):  # the depth, or frames that are views
         notes.append(f"not used: {headers[holding[0]].beside} in {some(holding)}")
     return notes
+
+
+def _guarded_source(layout: Guarded, source: SceneSource) -> SceneSource:
+    """The source of a plug-in: what its functions return is checked."""
+    size = source.height_px, source.width_px
+
+    def view(result: Any) -> NDArray[Any]:
+        return array(*size, *(3,) * (np.ndim(result) == 3), kinds="u")(result)
+
+    def grey(result: Any) -> NDArray[Any]:
+        return array(*np.shape(result)[:2], kinds="u")(result)
+
+    small = source.small and layout.bound("small", source.small, grey)
+    disparity = array(*size)
+    truth = {at: layout.bound("truth", known, disparity) for at, known in source.truth.items()}
+    read = layout.bound("read", source.read, view)
+    return attrs.evolve(source, read=read, small=small, truth=truth)
 
 
 def _match(tries: list[Layout], listing: Listing) -> tuple[int, Layout | None]:

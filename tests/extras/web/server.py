@@ -95,15 +95,15 @@ class Server:
 
 
 @contextmanager
-def served(world: World, *args: str) -> Iterator[Server]:
-    """Serves the page of the world's session until Ctrl-C.
+def served(world: World, *args: str, **more: Any) -> Iterator[Server]:
+    """Serves the page of the world's session until Ctrl-C. more: of the process.
 
     Fails where it wrote more than its addresses.
     """
     log = world.root / f"monitor-{time.monotonic_ns()}.log"
     with log.open("w") as output:
         words = ("monitor", "--session", world.name, "--web", *(args or (":0",)))
-        process = world.start(*words, stdout=output, stderr=output)
+        process = world.start(*words, stdout=output, stderr=output, **more)
     addresses = r"http://\S+:(\d+)/\?token=(\S+)[^?]*\?token=(\S+)\n"
     port, token, watch_token = until(lambda: re.findall(addresses, log.read_text()), "addresses")[0]
     yield Server(int(port), token, watch_token, process.pid)

@@ -4,11 +4,14 @@ bytes.
 
 import itertools
 import json
+import resource
 import socket
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -98,13 +101,43 @@ def test_page_drops_slow_clients(live_server: Server) -> None:
     sockets = live_server.sockets()
     get = "GET {} HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer {}\r\n\r\n"
     with ExitStack() as stack:
-        for path, count in (("/events", 1), ("/page.js", 500)):
-            lazy = stack.enter_context(socket.socket())
-            lazy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-            lazy.connect(("127.0.0.1", live_server.port))
-            lazy.sendall(count * get.format(path, live_server.token).encode())
+        lazy = stack.enter_context(socket.socket())
+        lazy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        lazy.connect(("127.0.0.1", live_server.port))
+        lazy.sendall(get.format("/events", live_server.token).encode())
         until(lambda: live_server.sockets() > sockets, "connections")
         until(lambda: live_server.sockets() <= sockets, "end of who does not read", 90)
+
+
+def test_holders_of_the_view_only_token_do_not_lock_others_out(live: World) -> None:
+    """A whole class has it: neither connections that wait nor many requests on one use up the
+    descriptors, and nothing is written about them.
+    """
+    files = 128
+    with served(
+        live, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (files, files))
+    ) as server:
+        get = (
+            "GET /uPlot.iife.min.js HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer"
+            f" {server.watch_token}\r\n\r\n"
+        ).encode()
+        rss = psutil.Process(server.pid).memory_info().rss
+        for sent in (b"", get[:50], get, 200 * get):
+            with ExitStack() as held:
+                for _ in range(3 * files):
+                    held.enter_context(held_open(server, sent))
+                assert server.ask("POST", "/ctl", {"cmd": "resume"})[0] == 200
+                assert server.jpeg("picture")
+        assert psutil.Process(server.pid).memory_info().rss < rss + 30e6
+
+
+@contextmanager
+def held_open(server: Server, sent: bytes) -> Iterator[None]:
+    """A connection that has sent data, unless it was ended meanwhile, and stays open here."""
+    with socket.create_connection(("127.0.0.1", server.port), timeout=60) as connection:
+        with suppress(ConnectionResetError, BrokenPipeError):
+            connection.sendall(sent)
+        yield
 
 
 def test_page_without_viewers_lets_go_of_the_session(
