@@ -167,12 +167,17 @@ def tum(folder: Path) -> Path:
     return folder
 
 
-def sequence(left: str, right: str) -> Make:
+def sequence(left: str, right: str, name: str = "{:06d}.png") -> Make:
     """Pairs over time in two folders."""
     return together(
-        below(left, numbered(drive(8), "{:06d}.png")),
-        below(right, numbered(drive(8, 1.0), "{:06d}.png")),
+        below(left, numbered(drive(8), name)),
+        below(right, numbered(drive(8, 1.0), name)),
     )
+
+
+def text_in(*folders: str) -> Make:
+    """A file without a picture in each of these folders."""
+    return together(*(below(folder, one("data.csv", b"1, 0, 0")) for folder in folders))
 
 
 def with_maps(kind: str) -> Make:
@@ -329,8 +334,17 @@ SETS: dict[str, list[PeopleSet]] = {
         ),
     ],
     "folders as recorded": [
-        opens("image and depth", recorded(), "rgbd 5x9"),
-        opens("rgb and depth", recorded(image="rgb", ends="png"), "rgbd 5x9"),
+        opens("image and depth", recorded(), "rgbd 5x9", sure=False, text="frames of one camera"),
+        opens("rgb and depth", recorded(image="rgb", ends="png"), "rgbd 5x9", sure=False),
+        opens(
+            "rgb and depth, as views",
+            together(
+                below("rgb", numbered(list(LINE12[0]))),
+                below("depth", numbered([MILLIMETRES] * 12)),
+            ),
+            "numbered 1x12",
+            layout="numbered",
+        ),
         opens("color and depth", recorded(image="color"), "rgbd 5x9", text="00001"),
         opens("times of TUM", tum, "rgbd 5x9"),
         opens("one folder down", below("scene01", recorded(image="color")), "rgbd 5x9"),
@@ -378,6 +392,44 @@ SETS: dict[str, list[PeopleSet]] = {
         opens("image_02, image_03", sequence("image_02", "image_03"), "stereo 1x2"),
         opens("cam0, cam1", sequence("cam0", "cam1"), "stereo 1x2"),
         opens("cam0/data, cam1/data", sequence("cam0/data", "cam1/data"), "stereo 1x2"),
+        opens(
+            "a recording of a drone",
+            together(
+                sequence("mav0/cam0/data", "mav0/cam1/data", "14036365797635{:05d}.png"),
+                text_in(*(f"mav0/{beside}" for beside in ("", "cam0", "cam1", "imu0", "x/y/z"))),
+            ),
+            "stereo 1x2",
+            text="2 of 16 files used",
+        ),
+        opens(
+            "a recording of a car",
+            together(
+                *(sequence(f"d/image_0{k}/data", f"d/image_0{k + 1}/data") for k in (0, 2)),
+                text_in("d/oxts", "d/oxts/data", "d/image_00", "d/image_03"),
+            ),
+            "stereo 1x2",
+        ),
+        opens(
+            "left, right, imu",
+            together(sequence("left", "right"), text_in("imu", "")),
+            "stereo 1x2",
+            text="2 of 16 files used",
+        ),
+        opens(
+            "rows, calib and results",
+            together(
+                grid(TWELVE, "row_{r}/cam_{c}.jpg"),
+                text_in("results", "results/a", "row_1"),
+                below("calib", numbered(ALBUM[:3])),
+            ),
+            "rows-cols 3x4",
+            text="not used: calib/",
+        ),
+        refuses(
+            "numbered folders of scenes, and text",
+            together(*(below(f"s{k}", grid(TWELVE, "v_{r}_{c}.png")) for k in (1, 2)), text_in("")),
+            "(remedy: give one of them, PATH/s1)",
+        ),
         opens("left_images, right_images", sequence("left_images", "right_images"), "stereo 1x2"),
         opens("left, right", sequence("left", "right"), "stereo 1x2", sure=True, text="000001"),
         opens(
