@@ -146,7 +146,7 @@ def grey_views(source: SceneSource, most_px: float = LOOK_PX) -> Callable[[int, 
         if scale < 1 and source.small is not None:
             grey = cv2.resize(source.small(row, col, most_px), size, interpolation=cv2.INTER_AREA)
             return np.asarray(grey.astype(np.float32) * np.float32(1 / 255), np.float32)
-        picture = source.read(0, row, col)
+        picture = source.read(source.telling, row, col)
         if scale < 1:
             picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
         plane = picture if picture.ndim == 2 else cv2.transform(picture, _LUMA)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import read_picture
-from lfpipe.scene.files import Listing
+from lfpipe.scene.files import VIDEOS, Listing
 from lfpipe.scene.layouts._candidates import Candidate, ranked
 from lfpipe.scene.layouts._grid import LOSSY, MIN_VIEW_PX, parse_grid
 from lfpipe.scene.layouts._running import Running, likeliest
@@ -295,6 +295,11 @@ def halves(picture: NDArray[Any], above: bool) -> tuple[NDArray[Any], NDArray[An
     if above:
         return picture[:height], picture[height : 2 * height]
     return picture[:, :width], picture[:, width : 2 * width]
+
+
+def is_film(listing: Listing) -> bool:
+    """Whether the scene is a video file."""
+    return listing.is_file and listing.names[0].lower().endswith(VIDEOS)
 
 
 @lru_cache(maxsize=8)

@@ -1,12 +1,15 @@
-"""A stereo pair: two files (left and right, Middlebury's im2 and im6), or one picture of both (side
-by side, above one another, .jps, .mpo, a spatial photo in HEIC). Two views, left eye first.
+"""A stereo pair: two files (left and right, Middlebury's im2 and im6), one picture or video of both
+(side by side, above one another, .jps, .mpo, a spatial photo in HEIC), or a video of two streams.
+Two views, left eye first.
 
 .jps: side by side, right eye first (VRex's format). .mpo: concatenated JPEGs, left eye first (CIPA
 DC-007).
 """
 
 import re
+from collections.abc import Callable
 from functools import lru_cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -18,27 +21,41 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header, read_frames, read_picture
-from lfpipe.scene.files import Listing
+from lfpipe.scene.files import VIDEOS, Listing
 from lfpipe.scene.layouts._grid import files_source, some
 from lfpipe.scene.layouts._names import MAPS, read_names, side_of
-from lfpipe.scene.layouts._tiles import halves, plane_of, reduced, require_picture, single_picture
+from lfpipe.scene.layouts._tiles import (
+    halves,
+    is_film,
+    last_picture,
+    plane_of,
+    reduced,
+    require_picture,
+    single_picture,
+)
 from lfpipe.scene.optical_flow import returned_flow, textured
 from lfpipe.scene.source import GridTransform, SceneSource
+from lfpipe.scene.video import Video, telling_frame
 
 NAME = "stereo"
 # Middlebury's pairs, the left one first
 _NUMBERED = {"im2": "im6", "im0": "im1", "view1": "view5", "img_left": "img_right"}
 # folders of two cameras that recorded side by side
 _CAMERAS = re.compile(r"(image|img|cam|camera|eye|sensor)s?[-_ ]?\d{1,2}(/.*)?")
+# of names in lower case, with spaces for "_"
+_FULL_OR_HALF = r"(?<![a-z])((h|half|f|full)?[-. ]?"
 _BESIDE = re.compile(
-    r"(?<![a-z])(h?sbs|half[-_ ]?sbs|side[-_ ]?by[-_ ]?side|parallel|lr"
-    r"|(left|right)[-_ ]?(right|left))(?![a-z])"
+    _FULL_OR_HALF + r"(sbs|side[- ]?by[- ]?side)|parallel|lr|rl|3dh|cross[- ]?eyed?|xeyed?"
+    r"|(left|right)[- ]?(right|left))(?![a-z])"
 )
-_CROSSED = re.compile(r"cross[-_ ]?ey|(?<![a-z])(xeye|rl|right[-_ ]?left)(?![a-z])")
+_CROSSED = re.compile(
+    r"cross[- ]?ey|(?<![a-z])(xeyed?|rl|right[- ]?left|h?bt|bottom[- ]?(and[- ]?)?top)(?![a-z])"
+)
 _ABOVE = re.compile(
-    r"(?<![a-z])(h?ou|h?tab|h?tb|over[-_ ]?(and[-_ ]?)?under|top[-_ ]?(and[-_ ]?)?bottom)(?![a-z])"
+    _FULL_OR_HALF + r"(ou|tab|tb|bt|over[- ]?(and[- ]?)?under"
+    r"|(top|bottom)[- ]?(and[- ]?)?(top|bottom))|3dv)(?![a-z])"
 )
-_HALF = re.compile(r"(?<![a-z])(h|half[-_ ]?)(sbs|ou|tb|width|over|top|side)")
+_HALF = re.compile(r"(?<![a-z])(h|half)[-. ]?(sbs|ou|tb|tab|bt|width|over|top|bottom|side)")
 _VIDEO_ASPECTS = (1.7, 1.85)  # a picture of this shape contains halves squeezed to half their width
 _GLANCE_PX = 384  # longer side of the compared halves
 _AGREED = 0.5  # minimum share of the detail of two halves that flow matches
@@ -51,6 +68,7 @@ class _Halves:
     above: bool  # one above the other, else side by side
     squeezed: bool  # to half the width or height
     named: bool  # stated by the name
+    streams: bool = False  # not in one picture: in two video streams
 
 
 def _pairs(listing: Listing) -> list[tuple[str, str]]:
@@ -110,6 +128,8 @@ def _differ_sideways(a: Path, b: Path) -> bool:
 
 def _alone(listing: Listing) -> Path | None:
     """The only file of the scene that may contain both pictures."""
+    if is_film(listing):
+        return listing.file(listing.names[0])
     names = [name for name in listing.names if name.lower().endswith((".jps", ".mpo"))]
     return listing.file(names[0]) if len(names) == 1 else single_picture(listing)
 
@@ -125,13 +145,24 @@ def are_a_pair(a: NDArray[Any], b: NDArray[Any]) -> bool:
     return bool(detail.any()) and float(agreed[detail].mean()) > _AGREED
 
 
+def _looks(path: Path) -> list[NDArray[Any]]:
+    """The picture at path; of a video, a frame that shows something, and of its second stream."""
+    if not path.name.lower().endswith(VIDEOS):
+        return [read_picture(path)[0]]
+    number, picture = telling_frame(path)
+    both = Video(path).streams > 1 and find_spec("av")
+    return [picture, Video(path, 1).read(number)] if both else [picture]
+
+
 @lru_cache(maxsize=2)
 def _arrangement(path: Path) -> _Halves | None:
     """The arrangement of the picture at path; None if it does not contain two views."""
     name = path.stem.lower().replace("_", " ")
     if path.suffix.lower() == ".jps":
         return _Halves(False, bool(_HALF.search(name)), True)
-    picture, _ = read_picture(path)
+    picture, *second = _looks(path)
+    if second and second[0].shape == picture.shape and are_a_pair(picture, second[0]):
+        return _Halves(False, False, False, streams=True)
     aspect = picture.shape[1] / picture.shape[0]
     video = _VIDEO_ASPECTS[0] < aspect < _VIDEO_ASPECTS[1]
     for above, word, likely in (
@@ -144,6 +175,37 @@ def _arrangement(path: Path) -> _Halves | None:
     return None
 
 
+def _eyes(picture: NDArray[Any], arrangement: _Halves) -> list[NDArray[Any]]:
+    """The two views of a picture."""
+    views = [np.ascontiguousarray(view) for view in halves(picture, arrangement.above)]
+    if not arrangement.squeezed:
+        return views
+    x, y = (1, 2) if arrangement.above else (2, 1)
+    return [
+        np.asarray(cv2.resize(view, None, fx=x, fy=y, interpolation=cv2.INTER_LINEAR))
+        for view in views
+    ]
+
+
+def _filmed(
+    path: Path, arrangement: _Halves
+) -> tuple[Callable[[int], NDArray[Any]], dict[str, Any]]:
+    """(both views by frame, fields of SceneSource) of a video. Raises UserError."""
+    video = Video(path)
+    both = [video, Video(path, 1)] if arrangement.streams else [video]
+
+    def load(frame: int) -> NDArray[Any]:
+        pictures = [one.read(frame) for one in both]
+        return np.stack(pictures if arrangement.streams else _eyes(pictures[0], arrangement))
+
+    return last_picture(load), {
+        "frames": min(one.frames for one in both),
+        "frame_rate_hz": video.rate_hz,
+        "telling": telling_frame(path)[0],
+        "notes": tuple(filter(None, ["" if arrangement.streams else video.second_stream])),
+    }
+
+
 def detect(listing: Listing) -> int | None:
     if pairs := _pairs(listing):
         paired = {name for pair in pairs for name in pair}
@@ -154,8 +216,10 @@ def detect(listing: Listing) -> int | None:
             return 85
         return 55  # left and right take precedence over rows and columns
     path = _alone(listing)
-    if path is None or path.suffix.lower() in (".jps", ".mpo") or open_header(path).eyes:
-        return None if path is None else 95
+    if path is None:
+        return None
+    if path.suffix.lower() in (".jps", ".mpo") or (not is_film(listing) and open_header(path).eyes):
+        return 95
     arrangement = _arrangement(path)
     # the halves of a mosaic are alike, too: unless the name states a format, tiles come first
     if arrangement is None:
@@ -184,7 +248,9 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     full = 255
     why = ""
     name = path.stem.lower().replace("_", " ")
-    in_order = (0, 1) if path.suffix.lower() == ".mpo" else open_header(path).eyes
+    film = is_film(listing)
+    in_order = (0, 1) if path.suffix.lower() == ".mpo" else not film and open_header(path).eyes
+    more: dict[str, Any] = {}
     if in_order:
         frames = read_frames(path)
         views: list[NDArray[Any]] = [frames[eye] for eye in in_order if eye < len(frames)]
@@ -195,14 +261,12 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
             )
         why = "the format defines which picture is the left eye's"
     elif arrangement := _arrangement(path):
-        picture, full = read_picture(path)
-        views = [np.ascontiguousarray(view) for view in halves(picture, arrangement.above)]
-        if arrangement.squeezed:
-            x, y = (1, 2) if arrangement.above else (2, 1)
-            views = [
-                np.asarray(cv2.resize(view, None, fx=x, fy=y, interpolation=cv2.INTER_LINEAR))
-                for view in views
-            ]
+        if film:
+            load, more = _filmed(path, arrangement)
+            views = list(load(more["telling"]))
+        else:
+            picture, full = read_picture(path)
+            views = _eyes(picture, arrangement)
         why = (
             "the name states a format that begins with the left eye's picture"
             if arrangement.named
@@ -224,10 +288,11 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         files=(path,),
         rows=1,
         cols=2,
-        read=lambda frame, row, col: views[col],
+        read=lambda frame, row, col: load(frame)[col] if film else views[col],
         height_px=views[0].shape[0],
         width_px=views[0].shape[1],
         max_value=full,
         turn=GridTransform(cols=crossed) if why else None,
         turn_by=why,
+        **more,
     )
