@@ -8,6 +8,7 @@ result is marked ambiguous.
 from collections.abc import Callable, Sequence
 from functools import cache
 from itertools import combinations
+from typing import Any
 
 import attrs
 import cv2
@@ -48,6 +49,23 @@ class Running:
             position = (self.cols // self.upwards - 1 - row) * self.upwards + col
         row, col = divmod(position, self.cols)
         return row, self.cols - 1 - col if self.snake and row % 2 else col
+
+
+def reduced(picture: NDArray[Any], most_px: float) -> NDArray[Any]:
+    """A picture whose longer side is at most that long."""
+    scale = min(1.0, most_px / max(picture.shape[:2]))
+    return np.asarray(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
+
+
+def normalised(picture: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """A small copy of a picture, of mean 0 and variance 1, to be compared."""
+    small = reduced(picture, _SIDE_PX).astype(np.float32)
+    return np.asarray((small - small.mean()) / max(1.0, float(small.std())), np.float32)
+
+
+def unlikeness(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:
+    """Difference between two normalised pictures; 2 for those of other shapes."""
+    return float(np.abs(a - b).mean()) if a.shape == b.shape else 2.0
 
 
 def _candidates(count: int, grid: ViewIndex | None) -> list[Running]:
@@ -117,22 +135,9 @@ def likeliest(
     read(position): a view, any size; present: whether there is a view, by position.
     """
 
-    @cache
-    def small(position: int) -> NDArray[np.float32]:
-        picture = np.asarray(read(position))
-        scale = _SIDE_PX / max(picture.shape)
-        out = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA).astype(
-            np.float32
-        )
-        return np.asarray((out - out.mean()) / max(1.0, float(out.std())), np.float32)
-
+    small = cache(lambda position: normalised(read(position)))
     pairs = np.array(list(combinations(_positions(present, tries), 2)))
-    unlike = np.array(
-        [
-            np.abs(small(a) - small(b)).mean() if small(a).shape == small(b).shape else 2.0
-            for a, b in pairs
-        ]
-    )
+    unlike = np.array([unlikeness(small(a), small(b)) for a, b in pairs])
     # among equals, the squarest grid, row by row
     order = ranked(
         f"how {len(present)} views in order fill a grid",

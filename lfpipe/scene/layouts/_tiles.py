@@ -21,7 +21,7 @@ from lfpipe.files.pictures import read_picture
 from lfpipe.scene.files import VIDEOS, Listing
 from lfpipe.scene.layouts._candidates import Candidate, ranked
 from lfpipe.scene.layouts._grid import LOSSY, MIN_VIEW_PX, parse_grid
-from lfpipe.scene.layouts._running import Running, likeliest
+from lfpipe.scene.layouts._running import Running, likeliest, reduced
 
 # Sizes and tiles (columns, rows) of displays whose tiles do not divide the picture: the remainder
 # is at the right and the bottom.
@@ -40,12 +40,6 @@ _LINE_LEVELS = (4, 16, 48)
 _LINE_SHARE = 0.98
 _LINE_SAMPLES = 64  # along a line
 _SOFT_PX = 2  # variation in size of lines and tiles if lines have soft edges
-
-
-def reduced(picture: NDArray[Any], most_px: int) -> NDArray[Any]:
-    """A picture whose longer side is at most that long."""
-    scale = min(1.0, most_px / max(picture.shape[:2]))
-    return np.asarray(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
 
 
 def plane_of(picture: NDArray[Any]) -> NDArray[np.uint8]:

@@ -29,7 +29,7 @@ from lfpipe.scene.layouts._grid import (
     named_views,
     parse_grid,
 )
-from lfpipe.scene.layouts._running import lay_out
+from lfpipe.scene.layouts._running import lay_out, reduced
 from lfpipe.scene.layouts._tiles import (
     QUILT_NAME,
     find_tiles,
@@ -37,7 +37,6 @@ from lfpipe.scene.layouts._tiles import (
     last_picture,
     likeness,
     plane_of,
-    reduced,
     require_picture,
     single_picture,
     tiling,

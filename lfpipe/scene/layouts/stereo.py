@@ -24,12 +24,12 @@ from lfpipe.files.pictures import open_header, read_frames, read_picture
 from lfpipe.scene.files import VIDEOS, Listing
 from lfpipe.scene.layouts._grid import files_source, some
 from lfpipe.scene.layouts._names import MAPS, read_names, side_of
+from lfpipe.scene.layouts._running import reduced
 from lfpipe.scene.layouts._tiles import (
     halves,
     is_film,
     last_picture,
     plane_of,
-    reduced,
     require_picture,
     single_picture,
 )
