@@ -32,7 +32,9 @@ _SMALLEST_PX = 48  # side of views: the flow needs a few patches
 _LOOSE_PX, _LOOSE_SHARE = 1.0, 0.2  # tolerance of the flow
 _STILL_PX = 1.0  # smaller motion counts as none
 _OFF_PX = 0.5  # deviation from a common motion above which pixels are near and count less
-_REFOCUSED = 4.0  # ratio of the sharpest to the least sharp picture of a block, in a focal stack
+# ratio of sharpness of two pictures, of neighbours in light fields at most 2; share of the detail
+# that is sharper in either
+_SHARPER, _EITHER = 2.5, 0.15
 _ROUND = 1.3  # ratio of residual motion in the two directions: below it, there is no direction
 _REACH, _FEWEST_POINTS = 8, 100  # views from the middle; pixels to fit motion to
 # views; pixels that move between them; share of these seen half-way round
@@ -100,22 +102,22 @@ def _spread_px(values: NDArray[np.float64]) -> NDArray[np.float64]:
     )
 
 
-def _change(views: list[Grey], every: list[Grey]) -> str:
+def _change(views: list[Grey]) -> str:
     """A change of the views of a line that a camera moving sideways does not cause; "" if there is
-    none. every: some views of the whole grid.
+    none.
     """
-    middle = len(views) // 2
-    motions = [
-        _motion(views[middle], views[min(len(views) - 1, middle + away)]) for away in (1, _REACH)
-    ]
-    if change := next((motion.change for motion in motions if motion and motion.change), ""):
-        return change
-    still = all(motion is not None and motion.parallax_px < _STILL_PX for motion in motions)
-    if still and (ratio := _refocused(every)) > _REFOCUSED:
-        return (
-            f"they differ in focus or exposure (sharpness by a factor of {ratio:.0f}), not in"
-            " viewpoint"
-        )
+    middle = (len(views) - 1) // 2
+    here = views[middle]
+    for away in (1, -1, _REACH) if len(views) > 2 else (1,):
+        there = views[min(len(views) - 1, middle + away)]
+        motion = _motion(here, there)
+        if motion is None:
+            continue
+        if motion.change:
+            return motion.change
+        still = motion.parallax_px < _STILL_PX
+        if (still or away < _REACH) and _focus_differs(here, there, motion.parallax_px):
+            return "they differ in focus or exposure, not in viewpoint"
     return ""
 
 
@@ -176,6 +178,7 @@ def _pair(a: Grey, b: Grey) -> Measurements:
     return Measurements(
         held_out_db=cv2.PSNR(displaced(b, ahead), a),
         explained=explained,
+        change=_change([a, b]),
         moved_px=_moved_px(detail, ahead, confirmed),
         missed_motion=_blocks(a, b, ahead) if explained < EXPLAINED else None,
     )
@@ -217,29 +220,28 @@ def _triple(before: Grey, middle: Grey, after: Grey) -> Measurements:
     return Measurements(held_out_db=held_out, explained=explained, moved_px=moved_px)
 
 
-def _refocused(views: list[Grey]) -> float:
-    """Median over textured blocks of the ratio of the sharpest to the least sharp picture; 1 if all
-    blocks are sharpest in the same picture.
+def _focus_differs(a: Grey, b: Grey, parallax_px: float) -> bool:
+    """Whether two pictures differ in focus: parts of either are much sharper, or of one although
+    nothing moves. Parallax beyond a block hides that.
     """
-    side = max(8, min(views[0].shape) // 8)
-    sharp = []
-    for view in views:
-        detail = np.square(cv2.Laplacian(view, cv2.CV_32F, ksize=3))
-        sharp.append(
-            cv2.resize(
-                detail, (view.shape[1] // side, view.shape[0] // side), interpolation=cv2.INTER_AREA
-            ).ravel()
-        )
-    blocks = np.stack(sharp)
-    use = blocks.max(axis=0) > max(30.0, float(np.median(blocks.max(axis=0))))
-    if use.sum() < 4:
-        return 1.0
-    best = blocks[:, use].argmax(axis=0)
-    ratio = blocks[:, use].max(axis=0) / (blocks[:, use].min(axis=0) + 5.0)
-    return (
-        float(np.median(ratio))
-        if len(np.unique(best)) > 1 and np.bincount(best).max() < 0.8 * len(best)
-        else 1.0
+    side = max(8, min(a.shape) // 8)
+    if parallax_px > side:
+        return False
+    sharp, other = (
+        cv2.blur(np.square(cv2.Laplacian(view, cv2.CV_32F, ksize=3)), (side, side))
+        for view in (a, b)
+    )
+    ahead, confirmed = returned_flow(a, b)
+    other = np.asarray(displaced(other, ahead), np.float32)
+    most = np.maximum(sharp, other)
+    use = confirmed & (most > max(30.0, float(np.median(most))))
+    if np.count_nonzero(use) < _FEWEST_POINTS:
+        return False
+    ratio = np.log2((sharp[use] + 5) / (other[use] + 5))
+    either = min(float((ratio > 1).mean()), float((ratio < -1).mean()))
+    return bool(
+        np.median(np.abs(ratio)) > np.log2(_SHARPER)
+        and (parallax_px < _STILL_PX or either > _EITHER)
     )
 
 
@@ -310,6 +312,7 @@ def measure_views(source: SceneSource) -> Measurements | None:
             return None
         return Measurements.median(
             pairs,
+            change=next((pair.change for pair in pairs if pair.change), ""),
             moved_px=max(pair.moved_px for pair in pairs),
             missed_motion=pairs[0].missed_motion if len(pairs) == 1 else None,
         )
@@ -321,14 +324,10 @@ def measure_views(source: SceneSource) -> Measurements | None:
                 min(len(line) - 2, len(line) - 1 - len(line) // 5),
             } - {len(line) // 2}:
                 triples.append(_triple(*(grey(*line[middle + k]) for k in (-1, 0, 1))))
-    places = source.places
-    every = [
-        grey(*places[k]) for k in sorted({round(p) for p in np.linspace(0, len(places) - 1, 9)})
-    ]
     # the middle of the lines
     around = [line[max(0, len(line) // 2 - _REACH) : len(line) // 2 + _REACH + 1] for line in lines]
-    changes = [_change([grey(*place) for place in views], every) for views in around]
-    change = changes[0] if all(changes) else ""
+    changes = [_change([grey(*place) for place in views]) for views in around]
+    change = next(filter(None, changes), "")
     line = lines[0]
     if len(lines) == 1 and len(line) >= _SHORTEST_CIRCLE:
         change = _is_circle([grey(*place) for place in line]) or change
@@ -359,9 +358,9 @@ def plausible(source: SceneSource, force: bool) -> tuple[SceneSource, Measuremen
     )
     found = measured.classification
     refused = found.kind is SceneKind.NOT_A_LIGHT_FIELD
-    if found.kind is SceneKind.LIGHT_FIELD or (refused and source.certain):
+    if found.kind is SceneKind.LIGHT_FIELD:
         return source, measured
-    if refused and not force:
+    if refused and not force and not source.certain:
         grid = f"{source.rows}x{source.cols} views of layout {source.layout}"
         anyway = "open it anyway with --set scene.force=true"
         if len(source.files) > 1:

@@ -288,6 +288,8 @@ NINE = np.broadcast_to(VIEW, (9, 9, *VIEW.shape))
 CROSS = [f"v_{r}_{c}.png" for r in range(9) for c in range(9) if r != 4 and c != 4]
 LEFT_PART = [f"v_{r}_{c}.png" for r in range(9) for c in range(4, 9) if (r, c) != (0, 8)]
 LINE45 = made.views(1, 45, 91, 102, 0.5, -0.3)[0]
+REFOCUSED = made.refocused(np.array([-2, 0, 2]))[0]
+SHARP = made.views(9, 9, 144, 192, 2.0, -2.0)[4, 4, ..., 1]
 LARGE_TILES = np.array(
     [[cv2.resize(LINE45[5 * (8 - r) + c], (819, 455)) for c in range(5)] for r in range(9)]
 )
@@ -541,6 +543,25 @@ SETS: dict[str, list[PeopleSet]] = {
             "anaglyph.png, small",
             one("x anaglyph.png", anaglyph(made.views(1, 2, 96, 128, 1.6, -0.8)[0])),
             "anaglyph",
+        ),
+        *(
+            refuses(
+                f"refocused pictures, {names}",
+                together(
+                    files(all_in_focus_png=SHARP),
+                    *(
+                        one(name, picture)
+                        for name, picture in zip(names.split(), REFOCUSED, strict=False)
+                    ),
+                ),
+                "give the folder of one scene",
+            )
+            for names in ("f1.png f2.png f4.png", "f1.png f2.png f3.png", "0_0.png 0_1.png 1_0.png")
+        ),
+        refuses(
+            "refocused pictures, one twice",
+            numbered([*REFOCUSED[:2], REFOCUSED[1], REFOCUSED[2]], "f{:d}.png"),
+            "read as 1x3",
         ),
         refuses("album of 9", numbered(ALBUM, "IMG_{:04d}.png"), DIFFERENT),
         refuses("album of 5", numbered(ALBUM[:5], "DSC{:05d}.jpg"), DIFFERENT),

@@ -9,6 +9,7 @@ import pytest
 
 from lfpipe import config
 from lfpipe.errors import UserError
+from lfpipe.scene.analysis import analyse_scene
 from lfpipe.scene.classification import Measurements, SceneKind, best_method
 from lfpipe.scene.packing import pack_scene
 from lfpipe.scene.plausibility import measure_views
@@ -65,25 +66,13 @@ def breathing(count: int, step: float) -> np.ndarray:
     )[None]
 
 
-def refocused(slopes: np.ndarray) -> np.ndarray:
-    """A light field refocused at several depths."""
-    grid = made.views(9, 9, 144, 192, 2.0, -2.0)[..., 1].astype(np.float32)
-    out = [
-        sum(
-            np.roll(grid[r, c], (round(s * (r - 4)), round(s * (c - 4))), (0, 1))
-            for r, c in np.ndindex(9, 9)
-        )
-        for s in slopes
-    ]
-    return np.stack([np.asarray(total / 81, np.uint8) for total in out])[None]
-
-
 def quilt_row(seed: int) -> np.ndarray:
     """Three views of a scene of its own, side by side."""
     wide = made.texture(60, 100, seed)[..., 1]
     return np.hstack([wide[:, shift : shift + 80] for shift in (0, 8, 16)])
 
 
+SHARP = made.views(9, 9, 144, 192, 2.0, -2.0)[4, 4, ..., 1]
 UNRELATED = np.array([made.texture(120, 160, seed)[..., 1] for seed in range(16)])
 NO_LIGHT_FIELDS = {
     "unrelated, line": UNRELATED[None],
@@ -101,10 +90,17 @@ NO_LIGHT_FIELDS = {
     "focal stack that hardly breathes": breathing(9, 0.004),
     "zoom": np.stack([zoomed(UNRELATED[0], 1.05**k) for k in range(8)])[None],
     "turned": np.stack([zoomed(UNRELATED[0], 1, 15 * k) for k in range(8)])[None],
-    "refocused": refocused(np.linspace(-3, 3, 7)),
+    "refocused": made.refocused(np.linspace(-3, 3, 7)),
     "refocused, breathing": np.stack(
-        [zoomed(v, 1 + 0.01 * k) for k, v in enumerate(refocused(np.linspace(-3, 3, 7))[0])]
+        [zoomed(v, 1 + 0.01 * k) for k, v in enumerate(made.refocused(np.linspace(-3, 3, 7))[0])]
     )[None],
+    **{
+        f"refocused pair, {a} and {b}": made.refocused(np.array([a, b]))
+        for a, b in ((-2.0, 0.0), (0.0, 1.0), (-1.5, 2.0))
+    },
+    "focal stack of two": focal_stack(9)[:, ::8],
+    "refocused and sharp": np.stack([SHARP, made.refocused(np.array([1.0]))[0, 0]])[None],
+    "refocused, three": made.refocused(np.array([-1.5, 0.5, 2.0])),
     "one picture cut up": made.texture(480, 640, 3)[..., 1].reshape(4, 120, 4, 160).swapaxes(1, 2),
     "quilts": np.stack([quilt_row(seed) for seed in range(0, 60, 10)])[None],
 }
@@ -167,6 +163,13 @@ def test_no_light_field_is_refused(kind: str) -> None:
     measured = measure_views(as_source(LIGHT_FIELDS[kind]))
     assert measured is not None and measured.classification.kind is not SceneKind.NOT_A_LIGHT_FIELD
     assert "hand" not in kind or measured.explained > 0.4
+
+
+def test_a_pair_by_name_that_is_none_is_doubted(tmp_path: Path) -> None:
+    for name, picture in zip(("left", "right"), UNRELATED, strict=False):
+        made.write(tmp_path / f"x_{name}.png", picture)
+    found = analyse_scene(tmp_path, config.Scene())
+    assert found.source.layout == "stereo" and "different pictures" in found.orientation.undecided
 
 
 def test_force_opens_what_was_refused(tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ SHORTEST_CIRCLE = 8  # views of a walk around an object
 MAX_PICTURES = 64  # to decode
 # grid steps over which the difference saturates: short for wide baselines, long for narrow ones
 _REACHES = (1.5, 4.0, 12.0, 40.0)
+_PARAMETERS = 4  # of a grid: its columns, the reach, and a line through the differences
 _CLEAR = 0.02  # lead in correlation of a clear grid
 
 
@@ -166,8 +167,8 @@ def find_columns(
 ) -> Running | None:
     """The grid of a run of views, by the pictures; None if the user's grid fits no part of it."""
     tries = _candidates(len(present), grid)
-    if len(tries) < 2:
-        return tries[0] if tries else None
+    if not tries:
+        return None
     likely = likeliest(read, present, tries)
     if likely.clear:
         return attrs.evolve(likely.run, score=likely.score)
@@ -228,15 +229,20 @@ def lay_out(
 
 
 def _explained(run: Running, pairs: NDArray[np.int64], unlike: NDArray[np.float64]) -> float:
-    """Correlation of the pictures' difference with distance in the grid."""
-    if len(pairs) < 3 or unlike.std() <= 1e-9:
+    """Correlation of the pictures' difference with distance in the grid; -1 if they are not less
+    alike along either side, or if there are too few pairs for a correlation.
+    """
+    if len(pairs) <= _PARAMETERS or unlike.std() <= 1e-9:
         return -1.0
     place = np.array([[run.index(a), run.index(b)] for a, b in pairs.tolist()], np.float64)
     rows, cols = np.abs(place[:, 0] - place[:, 1]).T
     if run.ring:  # straight through the circle
         cols = run.cols / np.pi * np.sin(np.pi * cols / run.cols)
-    far = [1 - np.exp(-np.hypot(rows, cols) / reach) for reach in _REACHES]
-    return max(
-        (float(np.corrcoef(distance, unlike)[0, 1]) for distance in far if distance.std() > 1e-9),
-        default=-1.0,
-    )
+    best = -1.0
+    for reach in _REACHES:
+        far = [1 - np.exp(-away / reach) for away in (rows, cols, np.hypot(rows, cols))]
+        sides = [side for side in far[:2] if side.std() > 1e-9]
+        growth = np.linalg.lstsq(np.stack([np.ones_like(unlike), *sides], 1), unlike, rcond=None)[0]
+        if sides and growth[1:].min() > 0:
+            best = max(best, float(np.corrcoef(far[2], unlike)[0, 1]))
+    return best
