@@ -44,6 +44,10 @@ _ROUNDNESS = 0.3  # shortest over longest radius of a circle
 # minimum correlation of a matched block, and its lead over the second-best position
 _FOUND, _LEADS = 0.75, 0.08
 _FEWEST_BLOCKS, _MISSED = 6, 0.4  # matched blocks; share of them that the flow misses
+# of one background: px by which its motion differs, and share of all detail beside it; share of a
+# block's detail that must be seen again
+_ALIKE_PX, _BESIDE, _SEEN = 3.0, 0.15, 0.3
+_LEVEL = 0.01  # deviation of blocks across the line of cameras, in heights of the picture
 
 
 @attrs.frozen(kw_only=True)
@@ -51,6 +55,7 @@ class Motion:
     """Motion between two views, px at the edge of the picture."""
 
     parallax_px: float
+    depth_px: float  # of parallax: what is left without a shift, turn and zoom
     size_px: float  # of growing or shrinking
     directed: bool  # whether most of it is along one line
 
@@ -90,6 +95,7 @@ def _motion(a: Grey, b: Grey) -> Motion | None:
     crosswise = left_px.min() > _STILL_PX and left_px.max() < _ROUND * left_px.min() > 2 * shift_px
     return Motion(
         parallax_px=max(shift_px, float(left_px.max())),
+        depth_px=float(left_px.max()),
         size_px=min(abs(wider), abs(taller)) if wider * taller > 0 else 0.0,
         directed=not crosswise,
     )
@@ -147,25 +153,49 @@ def _found(a: Grey, b: Grey, y: int, x: int, side: int) -> tuple[int, int] | Non
 
 def _blocks(a: Grey, b: Grey, ahead: FloatMap) -> tuple[float, float] | None:
     """The range of motion along x, in shares of the width, of blocks of a that are matched in b and
-    back, but that the flow misses; None if the flow finds them, or they are not in b.
+    back, but that the flow misses; None if the flow finds them, or they are not in b: they move
+    up and down, or all alike while others are not found.
     """
     height, width = a.shape
     side = min(height, width) // 7
-    moves, missed = [], []
+    moves, missed, lost = [], [], []
     for y in np.linspace(side // 2, height - side - side // 2, 6).astype(int).tolist():
         for x in np.linspace(0, width - side, 8).astype(int).tolist():
-            there = _found(a, b, y, x, side) if a[y : y + side, x : x + side].std() > 8 else None
+            if a[y : y + side, x : x + side].std() <= 8:
+                continue
+            there = _found(a, b, y, x, side)
             back = there and _found(b, a, *there, side)
             if not there or not back or max(abs(back[0] - y), abs(back[1] - x)) > 2:
+                lost.append(x)
                 continue
             move = float(there[1] - x)
             flowed = float(np.median(ahead[y : y + side, x : x + side, 0]))
-            moves.append(move)
+            moves.append((move, float(there[0] - y)))
             missed.append(abs(flowed - move) > max(2.0, 0.2 * abs(move)))
     if len(moves) < _FEWEST_BLOCKS or np.mean(missed) < _MISSED:
         return None
-    low, high = np.percentile(moves, (5, 95))
-    return float(low) / width, float(high) / width
+    (low, top), (middle, _), (high, bottom) = np.percentile(moves, (5, 50, 95), axis=0).tolist()
+    beside = sum(0 <= x + middle <= width - side for x in lost)
+    if bottom - top > max(2.0, _LEVEL * height) or (
+        high - low < _ALIKE_PX and beside > _BESIDE * (beside + len(moves))
+    ):
+        return None
+    return low / width, high / width
+
+
+def _one_background(a: Grey, b: Grey, confirmed: Mask) -> bool:
+    """Whether all that two pictures have in common moves alike, and other parts are not found."""
+    detail = textured(a)
+    motion = _motion(a, b)
+    side = min(a.shape) // 7
+    size = a.shape[1] // side, a.shape[0] // side
+    share, seen = (
+        cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        for mask in (detail, detail & confirmed)
+    )
+    use = share > share.mean() / 4
+    lost = float((seen[use] < _SEEN * share[use]).mean()) if use.any() else 0.0
+    return motion is not None and motion.depth_px < _ALIKE_PX and lost > _BESIDE
 
 
 def _pair(a: Grey, b: Grey) -> Measurements:
@@ -178,7 +208,8 @@ def _pair(a: Grey, b: Grey) -> Measurements:
     return Measurements(
         held_out_db=cv2.PSNR(displaced(b, ahead), a),
         explained=explained,
-        change=_change([a, b]),
+        change=_change([a, b])
+        or "they show different things before one background" * _one_background(a, b, confirmed),
         moved_px=_moved_px(detail, ahead, confirmed),
         missed_motion=_blocks(a, b, ahead) if explained < EXPLAINED else None,
     )

@@ -2,8 +2,9 @@
 
 import copy
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -114,7 +115,7 @@ def test_poses_beside_the_pictures_place_them(
     tmp_path: Path, shape: tuple[int, int], path: str
 ) -> None:
     grid = made.views(*shape)
-    order = np.random.default_rng(1).permutation(shape[0] * shape[1])
+    order = np.random.default_rng(1).permutation(shape[0] * shape[1]).tolist()
     source = layouts.describe(posed(tmp_path, grid, order, path, turn=1.1), config.Scene())
     assert source.layout == "poses" and source.coordinates is not None
     assert np.array_equal(made.canonical(source), grid)
@@ -124,7 +125,7 @@ def test_poses_beside_the_pictures_place_them(
 def test_poses_that_form_no_grid_are_left_to_the_names(tmp_path: Path) -> None:
     grid = made.views(1, 7)
     whole = json.loads((posed(tmp_path, grid, range(7)) / "transforms.json").read_text())
-    for change in (
+    changes: tuple[Callable[[list[Any]], object], ...] = (
         lambda frames: frames[2].pop("transform_matrix"),
         lambda frames: frames[2].update(file_path="../images/0002.png"),
         lambda frames: frames[2].update(file_path=3),
@@ -133,7 +134,8 @@ def test_poses_that_form_no_grid_are_left_to_the_names(tmp_path: Path) -> None:
         lambda frames: frames[2]["transform_matrix"].reverse(),  # looks another way
         lambda frames: frames[2].update(transform_matrix=frames[3]["transform_matrix"]),
         lambda frames: frames.append("x"),
-    ):
+    )
+    for change in changes:
         changed = copy.deepcopy(whole)
         change(changed["frames"])
         (tmp_path / "transforms.json").write_text(json.dumps(changed))

@@ -72,6 +72,28 @@ def quilt_row(seed: int) -> np.ndarray:
     return np.hstack([wide[:, shift : shift + 80] for shift in (0, 8, 16)])
 
 
+def before_a_skyline(person: int, shift: int) -> np.ndarray:
+    """A portrait before a row of houses; other people stand before the same ones."""
+    rng = np.random.default_rng(3)
+    picture = np.full((240, 640), 200, np.uint8)
+    left = 0
+    while left < 640:
+        width, top = int(rng.integers(12, 40)), int(rng.uniform(24, 110))
+        picture[top:, left : left + width] = rng.integers(60, 140)
+        for y, x in np.ndindex(30, width // 7):
+            if top + 4 + 9 * y < 240:
+                window = picture[top + 4 + 9 * y :, left + 3 + 7 * x :][:4, :3]
+                window[:] = rng.integers(20, 240)
+        left += width
+    picture = picture[:, shift : shift + 320].copy()
+    y, x = np.mgrid[:240, :320]
+    middle = 320 * np.random.default_rng(person).uniform(0.35, 0.65)
+    head = np.hypot((x - middle) / 42, (y - 96) / 53) < 1
+    body = np.hypot((x - middle) / 102, (y - 252) / 108) < 1
+    picture[head | body] = made.texture(240, 320, 50 + person)[..., 1][head | body]
+    return picture
+
+
 SHARP = made.views(9, 9, 144, 192, 2.0, -2.0)[4, 4, ..., 1]
 UNRELATED = np.array([made.texture(120, 160, seed)[..., 1] for seed in range(16)])
 NO_LIGHT_FIELDS = {
@@ -97,6 +119,12 @@ NO_LIGHT_FIELDS = {
     **{
         f"refocused pair, {a} and {b}": made.refocused(np.array([a, b]))
         for a, b in ((-2.0, 0.0), (0.0, 1.0), (-1.5, 2.0))
+    },
+    **{
+        f"two people before one skyline, {shift} px": np.stack(
+            [before_a_skyline(person, 10 + shift * (person - 5)) for person in (5, 6)]
+        )[None]
+        for shift in (0, 4, 20, 60)
     },
     "focal stack of two": focal_stack(9)[:, ::8],
     "refocused and sharp": np.stack([SHARP, made.refocused(np.array([1.0]))[0, 0]])[None],
@@ -136,6 +164,10 @@ def ends_where_it_began(shift_px: int) -> np.ndarray:
 
 
 LIGHT_FIELDS = {
+    # found again, by flow or by blocks, however far apart
+    **{
+        f"a pair, {px} px": made.views(1, 2, 192, 256, px, -px / 2) for px in (2.0, 8.0, 16.0, 24.0)
+    },
     **{f"ends where it began, {px} px": ends_where_it_began(px) for px in range(3)},
     "held by hand": held_by_hand(made.views(3, 5, 144, 192)),
     "held by hand, a line": held_by_hand(made.views(1, 9, 144, 192)),
