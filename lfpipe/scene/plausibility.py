@@ -4,6 +4,7 @@ whether anything moves between them.
 
 import logging
 from collections.abc import Callable
+from itertools import pairwise
 
 import attrs
 import cv2
@@ -39,7 +40,7 @@ _ROUND = 1.3  # ratio of residual motion in the two directions: below it, there 
 _REACH, _FEWEST_POINTS = 8, 100  # views from the middle; pixels to fit motion to
 # views; pixels that move between them; share of these seen half-way round
 _SHORTEST_CIRCLE, _FEWEST_PX, _STAYS = 8, 200, 0.5
-_CLOSING = 2.0  # step from the last view to the first over that from the first to the second
+_CLOSING = 2.0  # step from the last view to the first over the median step
 _ROUNDNESS = 0.3  # shortest over longest radius of a circle
 # minimum correlation of a matched block, and its lead over the second-best position
 _FOUND, _LEADS = 0.75, 0.08
@@ -287,44 +288,47 @@ def _is_circle(line: list[Grey]) -> str:
     ahead = flow(first, second)[detail]
     step_px = np.hypot(*ahead.T)
     moving = step_px > _LOOSE_PX
-    if np.count_nonzero(moving) < _FEWEST_PX:
-        return ""
-    off = np.hypot(*(back + ahead)[moving].T)
-    comes = float((off < _LOOSE_PX + _LOOSE_SHARE * step_px[moving]).mean())
-    stays = float(returned_flow(first, middle)[1][detail][moving].mean())
-    if comes > EXPLAINED and stays < _STAYS:
-        return "the last picture follows the first one: a turntable, or a walk around something"
-    closing = float(np.median(np.hypot(*back[moving].T) / step_px[moving]))
-    # the cheap test first: the flows of a whole circle are expensive
-    if closing < _CLOSING and stays >= _STAYS and _goes_round(line):
+    if np.count_nonzero(moving) >= _FEWEST_PX:
+        off = np.hypot(*(back + ahead)[moving].T)
+        comes = float((off < _LOOSE_PX + _LOOSE_SHARE * step_px[moving]).mean())
+        stays = float(returned_flow(first, middle)[1][detail][moving].mean())
+        if comes > EXPLAINED and stays < _STAYS:
+            return "the last picture follows the first one: a turntable, or a walk around something"
+    if _goes_round(line):
         return "the camera walks on a circle, not along a line or over a grid"
     return ""
 
 
 def _goes_round(line: list[Grey]) -> bool:
-    """Whether the camera's path goes once around its middle: all static parts follow one path,
-    scaled by nearness, which is the first principal component of the motion.
+    """Whether the camera's path goes once around its middle and ends where it began: all static
+    parts, followed from view to view, follow one path, scaled by nearness, which is the first
+    principal component of the motion.
     """
-    chosen = sorted({round(at) for at in np.linspace(1, len(line) - 1, 12)})
-    use = textured(line[0])
-    flows = []
-    for k in chosen:
-        ahead, confirmed = returned_flow(line[0], line[k])
-        use &= confirmed
-        flows.append(ahead)
-    if np.count_nonzero(use) < _FEWEST_PX:
+    chosen = sorted({round(at) for at in np.linspace(0, len(line) - 1, 13)})
+    start = np.argwhere(textured(line[0]))[:, ::-1].astype(np.float32)
+    at, seen, tracks = start, np.ones(len(start), bool), []
+    for k, following in pairwise(chosen):
+        ahead, confirmed = returned_flow(line[k], line[following])
+        x, y = np.clip(np.rint(at), 0, np.array(ahead.shape[1::-1]) - 1).astype(int).T
+        seen &= confirmed[y, x]
+        at = at + ahead[y, x]
+        tracks.append((at - start).T)
+    if np.count_nonzero(seen) < _FEWEST_PX:
         return False
-    motion = np.stack([ahead[use].T for ahead in flows]).reshape(2 * len(flows), -1)
+    motion = np.stack(tracks)[..., seen].reshape(2 * len(tracks), -1)
     path = np.linalg.svd(motion, full_matrices=False)[0][:, 0].reshape(-1, 2)
     path = np.concatenate([np.zeros((1, 2)), path])
+    steps = np.hypot(*np.diff(path, axis=0).T)
     away = path - (path.min(axis=0) + path.max(axis=0)) / 2
     distance = np.hypot(*away.T)
     angle = np.arctan2(away[:, 1], away[:, 0])
     turns = (np.diff(np.append(angle, angle[0])) + np.pi) % (2 * np.pi) - np.pi
-    winds = (
-        abs(float(turns.sum())) > np.pi and np.mean(np.sign(turns) == np.sign(turns.sum())) > 0.9
+    return bool(
+        np.hypot(*path[-1]) < _CLOSING * np.median(steps)
+        and abs(float(turns.sum())) > np.pi
+        and np.mean(np.sign(turns) == np.sign(turns.sum())) > 0.9
+        and distance.min() > _ROUNDNESS * distance.max()
     )
-    return bool(winds and distance.min() > _ROUNDNESS * distance.max())
 
 
 def measure_views(source: SceneSource) -> Measurements | None:

@@ -84,6 +84,14 @@ def circle(count: int, radius: float = 3.0, upright: float | None = None) -> lis
     return [layered(radius * np.cos(a), (upright or radius) * np.sin(a)) for a in angles]
 
 
+def square(side: int, radius: float) -> list[Pictures]:
+    """A camera that walks around a square of that many steps a side, and returns."""
+    along = np.linspace(-radius, radius, side, endpoint=False)
+    top = [(at, -radius) for at in along]
+    right = [(radius, at) for at in along]
+    return [layered(x, y) for x, y in top + right] + [layered(-x, -y) for x, y in top + right]
+
+
 def drive(count: int, eye: float = 0.0) -> list[Pictures]:
     """A camera that drives forward: everything grows and passes."""
     views = []
@@ -322,6 +330,14 @@ SETS: dict[str, list[PeopleSet]] = {
         refuses("frames of a wide circle of 9", numbered(circle(9, 5.0)), CIRCLE),
         refuses("frames of a circle of 8", numbered(circle(8)), CIRCLE),
         refuses("frames of an ellipse of 20", numbered(circle(20, 4.0, 1.8)), CIRCLE),
+        *(
+            refuses(
+                f"frames around a square of {side}, {radius}",
+                numbered(square(side, radius)),
+                CIRCLE,
+            )
+            for side, radius in ((4, 1.0), (2, 3.0), (6, 5.0))
+        ),
         opens("frames of half a circle", numbered(circle(24, 3.0, 0.4)[:12]), "numbered 1x12"),
         opens(
             "mosaic of small tiles",
