@@ -348,7 +348,6 @@ SETS: dict[str, list[PeopleSet]] = {
             "mosaic of 860 px, 9 tiles",
             one("a.png", cv2.resize(made.mosaic(made.views(9, 9, 96, 96)), (860, 860))),
             "mosaic 9x9",
-            grid="9x9",
         ),
     ],
     "folders as recorded": [

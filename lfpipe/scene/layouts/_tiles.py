@@ -35,6 +35,8 @@ MAX_TILES = 64  # along one side
 _GLANCE_PX = 1024  # longer side of the reduced picture in which tiles are detected
 # limits of `_unlike` for neighbouring tiles; above the last, there are no tiles
 _TWO_AXES, _ONE_AXIS, _PLAIN = 0.5, 0.2, 0.8
+_SEAM = 0.1  # share of a tile's lines that may change more than its borders
+_ALIKE = 0.03  # differences by which tiles are as much alike as tiles of tiles
 # grey levels from the colour of lines (JPEG blurs them), and share of a line
 _LINE_LEVELS = (4, 16, 48)
 _LINE_SHARE = 0.98
@@ -117,12 +119,34 @@ def _unlike(grey: NDArray[np.float32], axis: int) -> dict[int, float]:
     }
 
 
-def _period(unlike: dict[int, float], full_px: int) -> tuple[int, float]:
-    """The number of tiles with the most similar neighbours, and their difference; (1, 1.0) if no
-    number divides the side.
+def _seams(grey: NDArray[np.float32], axis: int, count: int) -> bool:
+    """Whether the picture changes more at the borders of so many tiles than nearly everywhere else
+    in them. A wall of windows repeats itself, too, but not by a share of the picture.
     """
-    fits = {n: u for n, u in unlike.items() if full_px % n == 0 and full_px // n >= MIN_VIEW_PX}
+    lines = grey if axis == 0 else grey.T
+    change = cv2.dilate(np.abs(np.diff(lines, axis=0)).mean(axis=1)[None], np.ones((1, 3)))[0]
+    tile = len(lines) / count
+    away = np.arange(int(tile))
+    borders = np.rint(tile * np.arange(1, count)).astype(int) - 1
+    phases = change[np.minimum(borders[:, None] + away - len(away) // 2, len(change) - 1)].mean(
+        axis=0
+    )
+    return bool((phases > phases[len(away) // 2]).mean() < _SEAM)
+
+
+def _period(grey: NDArray[np.float32], axis: int, full_px: int) -> tuple[int, float]:
+    """The number of tiles with the most similar neighbours along an axis, and their difference;
+    (1, 1.0) if there is none. A number that does not divide the side must have seams; tiles of
+    tiles are no tiles.
+    """
+    fits = {
+        n: u
+        for n, u in _unlike(grey, axis).items()
+        if full_px // n >= MIN_VIEW_PX
+        and (full_px % n == 0 or (u < _TWO_AXES and _seams(grey, axis, n)))
+    }
     best = min(fits, key=lambda n: fits[n], default=1)
+    best = max((n for n in fits if n % best == 0 and fits[n] < fits[best] + _ALIKE), default=best)
     return best, fits.get(best, 1.0)
 
 
@@ -214,7 +238,7 @@ def _candidates(picture: NDArray[Any], name: str) -> Iterator[Candidate[Tiling]]
         unlike = max(down.get(rows, 0), across.get(cols, 0))
         if rows * cols > 1 and not (height % rows or width % cols) and unlike < _PLAIN:
             yield _candidate("the name", Tiling.even(picture, rows, cols), 2, unlike)
-    (rows, row_unlike), (cols, col_unlike) = _period(down, height), _period(across, width)
+    (rows, row_unlike), (cols, col_unlike) = _period(plane, 0, height), _period(plane, 1, width)
     unlike = max(row_unlike, col_unlike)
     grid = Tiling.even(picture, rows, cols)
     strip = None
