@@ -6,8 +6,8 @@ import re
 from pathlib import Path
 from typing import Any
 
-import h5py
 import cv2
+import h5py
 import numpy as np
 import pytest
 import scipy.io
