@@ -24,6 +24,7 @@ from lfpipe.scene.optical_flow import (
     returned_flow,
     robust_fit,
     textured,
+    without_shake,
 )
 from lfpipe.scene.source import GridTransform, SceneSource
 
@@ -216,18 +217,6 @@ def _pair(a: Grey, b: Grey) -> Measurements:
     )
 
 
-def _unsteady(
-    x: NDArray[np.intp], y: NDArray[np.intp], motion_px: NDArray[np.float32]
-) -> NDArray[np.float32]:
-    """Motion of pixels, float32 (n,), without hand shake: the residual of a least-squares fit by
-    shift, rotation and zoom.
-    """
-    places = np.stack((np.ones(len(x)), x, y), axis=1).astype(np.float32)
-    return np.asarray(
-        motion_px - places @ np.linalg.lstsq(places, motion_px, rcond=None)[0], np.float32
-    )
-
-
 def _triple(before: Grey, middle: Grey, after: Grey) -> Measurements:
     """PSNR of the middle view predicted from the others, and the share of its detail that one
     disparity explains.
@@ -246,9 +235,9 @@ def _triple(before: Grey, middle: Grey, after: Grey) -> Measurements:
     to_before, to_after = (flow(middle, other)[detail] for other in (before, after))
     y, x = np.nonzero(detail)
     along, beside = (to_after[:, k] for k in ((0, 1) if sideways else (1, 0)))
-    off = np.hypot(*(_unsteady(x, y, (to_before + to_after)[:, k]) for k in (0, 1)))
+    off = np.hypot(*(without_shake(x, y, (to_before + to_after)[:, k]) for k in (0, 1)))
     loose = _LOOSE_PX + _LOOSE_SHARE * np.abs(along)
-    explained = float(((off < loose) & (np.abs(_unsteady(x, y, beside)) < loose)).mean())
+    explained = float(((off < loose) & (np.abs(without_shake(x, y, beside)) < loose)).mean())
     return Measurements(held_out_db=held_out, explained=explained, moved_px=moved_px)
 
 

@@ -75,18 +75,10 @@ class Video:
         self._path = path
         self._stream = stream
         self._file = open_file(path)
-        start = self._file.read(_ENDS_BYTES)
-        if not is_video(start):
+        if not is_video(self._file.read(12)):
             raise UserError(
                 f"{path}: not a readable video (MP4, QuickTime, Matroska, WebM or AVI)", _REMEDY
             )
-        self._file.seek(max(0, path.stat().st_size - _ENDS_BYTES))
-        self.streams = len(
-            _MATROSKA.findall(start.partition(_CLUSTER)[0])
-            if start.startswith(b"\x1aE")
-            else _DECLARED.findall(start) or _DECLARED.findall(self._file.read())
-        )
-        """The number of video streams."""
         self._open(MAX_FRAME_PX)
         self.width_px, self.height_px = (
             int(self._capture.get(p)) for p in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
@@ -108,16 +100,6 @@ class Video:
         if not self.frames:
             raise UserError(f"{path}: no frame of this video can be decoded", "export it again")
         self._open(self.width_px * self.height_px)
-
-    @property
-    def second_stream(self) -> str:
-        """What is said of a second stream that is not used; "" if there is none."""
-        if self.streams < 2:
-            return ""
-        why = f"reading it needs another package: {install_command('av')}"
-        if find_spec("av"):
-            why = "it is not the other picture of a stereo pair"
-        return f"the second video stream of {self._path.name} is not used: {why}"
 
     def _open(self, frame_px: int) -> None:
         """Starts from the first frame.
@@ -156,3 +138,24 @@ def telling_frame(path: Path, stream: int = 0) -> tuple[int, NDArray[Any]]:
     details = [float(cv2.Laplacian(picture[..., 1], cv2.CV_32F).std()) for picture in pictures]
     first = next(k for k, detail in enumerate(details) if detail >= max(details) / 2)
     return numbers[first], pictures[first]
+
+
+@lru_cache(maxsize=4)
+def stream_count(path: Path) -> int:
+    """The number of a file's video streams. Raises UserError."""
+    with open_file(path) as file:
+        start = file.read(_ENDS_BYTES)
+        file.seek(max(0, path.stat().st_size - _ENDS_BYTES))
+        if start.startswith(b"\x1aE"):
+            return len(_MATROSKA.findall(start.partition(_CLUSTER)[0]))
+        return len(_DECLARED.findall(start) or _DECLARED.findall(file.read()))
+
+
+def second_stream(path: Path) -> list[str]:
+    """What is said of a second stream that is not used; [] if there is none."""
+    if stream_count(path) < 2:
+        return []
+    why = f"reading it needs another package: {install_command('av')}"
+    if find_spec("av"):
+        why = "it is not the other picture of a stereo pair"
+    return [f"the second video stream of {path.name} is not used: {why}"]

@@ -12,7 +12,7 @@ from itertools import combinations, pairwise
 import numpy as np
 
 from lfpipe.scene.layouts._running import MAX_PICTURES, normalised, unlikeness
-from lfpipe.scene.optical_flow import Grey, returned_flow, textured
+from lfpipe.scene.optical_flow import Grey, returned_flow, textured, without_shake
 
 _FEWEST_PX = 200  # of detail that is seen in three pictures
 _LEAST_PX = 0.15  # of motion: the error of the flow
@@ -32,9 +32,8 @@ def _onward(before: Grey, here: Grey, after: Grey) -> float:
     if np.count_nonzero(detail) < _FEWEST_PX:
         return 0.0
     y, x = np.nonzero(detail)
-    places = np.stack((np.ones(len(x)), x, y), axis=1)
-    whole = [flow_px[detail].astype(np.float64) for flow_px in (-back, ahead)]
-    steady = [motion - places @ np.linalg.lstsq(places, motion, rcond=None)[0] for motion in whole]
+    whole = [flow_px[detail] for flow_px in (-back, ahead)]
+    steady = [without_shake(x, y, motion) for motion in whole]
     cosines = []
     for one, other in (whole, steady):
         first_px, second_px = (float(np.sqrt((way**2).sum(axis=1).mean())) for way in (one, other))

@@ -44,7 +44,7 @@ from lfpipe.scene.layouts._tiles import (
 from lfpipe.scene.optical_flow import returned_flow, textured
 from lfpipe.scene.plausibility import measure_views
 from lfpipe.scene.source import GridTransform, Layout, SceneSource
-from lfpipe.scene.video import USUAL_RATE_HZ, Video, telling_frame
+from lfpipe.scene.video import USUAL_RATE_HZ, Video, second_stream, telling_frame
 
 # longer side of the examined copy; px of detail that red and green must have in common
 _GLANCE_PX, _FEWEST_PX = 512, 300
@@ -186,14 +186,11 @@ def _describe_animation(listing: Listing, scene: config.Scene) -> SceneSource:
     if unsteady and not (measured and measured.change):
         raise UserError(
             "; ".join(
-                filter(
-                    None,
-                    [
-                        f"{path}: no tiles were recognised in {width}x{height} px, and its frames"
-                        " form no grid",
-                        Video(path).second_stream,
-                    ],
-                )
+                [
+                    f"{path}: no tiles were recognised in {width}x{height} px, and its frames form"
+                    " no grid",
+                    *second_stream(path),
+                ]
             ),
             f"if the camera slid sideways, make views with `lfpipe scene make {path}`; else give"
             " the tiles with --set scene.grid=ROWSxCOLS, or open the frames as one line with --set"
@@ -270,7 +267,7 @@ def _describe_tiles(layout: str, listing: Listing, scene: config.Scene) -> Scene
         frames = video.frames
         rate_hz = video.rate_hz
         telling = telling_frame(paths[0])[0]
-        notes = tuple(filter(None, [video.second_stream]))
+        notes = tuple(second_stream(paths[0]))
     else:
         paths, notes = _mosaics(layout, listing)
         load = last_picture(lambda frame: read_picture(paths[frame])[0])

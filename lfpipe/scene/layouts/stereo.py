@@ -35,7 +35,7 @@ from lfpipe.scene.layouts._tiles import (
 )
 from lfpipe.scene.optical_flow import returned_flow, textured
 from lfpipe.scene.source import GridTransform, SceneSource
-from lfpipe.scene.video import Video, telling_frame
+from lfpipe.scene.video import Video, second_stream, stream_count, telling_frame
 
 NAME = "stereo"
 # Middlebury's pairs, the left one first
@@ -150,7 +150,7 @@ def _looks(path: Path) -> list[NDArray[Any]]:
     if not path.name.lower().endswith(VIDEOS):
         return [read_picture(path)[0]]
     number, picture = telling_frame(path)
-    both = Video(path).streams > 1 and find_spec("av")
+    both = stream_count(path) > 1 and find_spec("av")
     return [picture, Video(path, 1).read(number)] if both else [picture]
 
 
@@ -202,7 +202,7 @@ def _filmed(
         "frames": min(one.frames for one in both),
         "frame_rate_hz": video.rate_hz,
         "telling": telling_frame(path)[0],
-        "notes": tuple(filter(None, ["" if arrangement.streams else video.second_stream])),
+        "notes": () if arrangement.streams else tuple(second_stream(path)),
     }
 
 
