@@ -19,7 +19,6 @@ from lfpipe.scene.layouts._candidates import Candidate, ranked
 from lfpipe.scene.source import ViewIndex
 
 _SIDE_PX = 96  # of the small pictures that are compared
-SHORTEST_CIRCLE = 8  # views of a walk around an object
 MAX_PICTURES = 64  # to decode
 # grid steps over which the difference saturates: short for wide baselines, long for narrow ones
 _REACHES = (1.5, 4.0, 12.0, 40.0)
@@ -35,7 +34,6 @@ class Running:
     cols: int
     snake: bool = False
     upwards: int = 0  # for a quilt: tiles in a row; its lowest row is the first
-    ring: bool = False  # a circle instead of a line: its ends are neighbours
     doubt: str = ""  # what stays ambiguous
     score: float = 0.0  # correlation with the similarity of the pictures, at most 1
 
@@ -80,12 +78,7 @@ def _candidates(count: int, grid: ViewIndex | None) -> list[Running]:
     snakes = [
         Running(rows=rows, cols=cols, snake=True) for rows, cols in shapes if min(rows, cols) > 1
     ]
-    rings = (
-        [Running(rows=1, cols=count, ring=True)]
-        if grid is None and count >= SHORTEST_CIRCLE
-        else []
-    )
-    return [Running(rows=rows, cols=cols) for rows, cols in shapes] + snakes + rings
+    return [Running(rows=rows, cols=cols) for rows, cols in shapes] + snakes
 
 
 def _positions(present: Sequence[bool], tries: Sequence[Running]) -> list[int]:
@@ -144,7 +137,7 @@ def likeliest(
         f"how {len(present)} views in order fill a grid",
         [
             Candidate(
-                what=f"{run.rows}x{run.cols}{', a snake' * run.snake}{', a circle' * run.ring}"
+                what=f"{run.rows}x{run.cols}{', a snake' * run.snake}"
                 f"{', upwards' * (run.upwards > 0)}",
                 score=round(_explained(run, pairs, unlike), 4),
                 value=run,
@@ -236,8 +229,6 @@ def _explained(run: Running, pairs: NDArray[np.int64], unlike: NDArray[np.float6
         return -1.0
     place = np.array([[run.index(a), run.index(b)] for a, b in pairs.tolist()], np.float64)
     rows, cols = np.abs(place[:, 0] - place[:, 1]).T
-    if run.ring:  # straight through the circle
-        cols = run.cols / np.pi * np.sin(np.pi * cols / run.cols)
     best = -1.0
     for reach in _REACHES:
         far = [1 - np.exp(-away / reach) for away in (rows, cols, np.hypot(rows, cols))]
