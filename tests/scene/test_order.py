@@ -50,6 +50,15 @@ def test_the_order_is_proven_or_nothing_is_said(kind: str, by: str) -> None:
         assert order == list(range(COUNT)) and astray is None
 
 
+def test_a_step_to_no_neighbour_is_noticed_although_the_flow_fits() -> None:
+    wall = made.wall(1, 40, 192, 256)[0, ..., 1]
+    names = [*range(20, 40), *range(20)]
+    assert motion_order(lambda at: wall[names[at]], list(range(40)))[0] == [
+        *range(20, 40),
+        *range(20),
+    ]
+
+
 def test_a_long_line_that_turns_back_is_noticed() -> None:
     count = 2 * MAX_PICTURES + 10
     there_and_back = [*range(count // 2), *range(count // 2, 0, -1)]

@@ -17,7 +17,6 @@ from lfpipe.scene.optical_flow import Grey, returned_flow, textured, without_sha
 _FEWEST_PX = 200  # of detail that is seen in three pictures
 _LEAST_PX = 0.15  # of motion: the error of the flow
 _FARTHER = 1.25  # a step of the names over the largest one of the chain: no neighbours
-_OPPOSITE = 0.5  # cosine between motion from one neighbour and to the other, at most 1
 
 
 def _onward(before: Grey, here: Grey, after: Grey) -> float:
@@ -68,9 +67,7 @@ def motion_order(read: Callable[[int], Grey], positions: list[int]) -> tuple[lis
         return _onward(*map(read, three))
 
     def proven(order: list[int]) -> bool:
-        return all(
-            onward(*three) > _OPPOSITE for three in zip(order, order[1:], order[2:], strict=False)
-        )
+        return all(onward(*three) > 0 for three in zip(order, order[1:], order[2:], strict=False))
 
     look = cache(lambda at: normalised(read(at)))
     unlike = cache(lambda a, b: unlikeness(look(a), look(b)))
@@ -86,4 +83,4 @@ def motion_order(read: Callable[[int], Grey], positions: list[int]) -> tuple[lis
                 return order, None
     some = positions[:: -(-len(positions) // MAX_PICTURES)]
     threes = zip(some, some[1:], some[2:], strict=False)
-    return [], next((three[1] for three in threes if onward(*three) < -_OPPOSITE), None)
+    return [], next((three[1] for three in threes if onward(*three) < 0), None)
