@@ -196,6 +196,18 @@ ORDERS: dict[str, tuple[SceneSource, dict[str, Any], dict[str, Any], str]] = {
         {"turn": GridTransform(rows=True)},
         "",
     ),
+    # the least error of eight is no proof
+    "a map of something else": (
+        source(
+            GRID,
+            turn=GridTransform(rows=True),
+            truth={(2, 2): lambda: (made.texture(96, 128, 9)[..., 1] / 64 - 2).astype(np.float32)},
+            **NAMED,
+        ),
+        {},
+        {"turn": GridTransform(rows=True)},
+        "",
+    ),
     "maps of other views, too": (
         source(GRID[::-1], turn=GridTransform(), truth={**AROUND, **TRUTH}, **NAMED),
         {},
