@@ -33,8 +33,7 @@ from lfpipe.scene.optical_flow import (
 )
 from lfpipe.scene.source import GridTransform, SceneSource
 
-# minimum motion per step above noise; motion along a line of views over motion across it
-MIN_PX, ALONG = 0.05, 2.0
+ALONG = 2.0  # motion along a line of views over motion across it
 ALIKE = 0.4  # minimum correlation of disparities along rows and columns of an ordered grid
 TRUTH_LEADS = 0.2  # share by which true disparity must match better in one order than in all others
 SPREAD_PX = 3.0  # flow that separates surfaces
@@ -258,7 +257,7 @@ def _by_flow(source: SceneSource) -> Orientation:
         measure_axis(lambda k, line=line: grey(*line[k]), len(line))  # type: ignore[misc]
         for line in present_lines(source)
     )
-    moving = [axis for axis in (across, down) if axis is not None and axis.along_px > MIN_PX]
+    moving = [axis for axis in (across, down) if axis is not None and axis.along_px > 0]
     if not moving:
         return unknown("the views hardly differ")
     transpose = moving[0].sideways != (moving[0] is across)
