@@ -149,14 +149,14 @@ def checked_source(
 def analyse_source(source: SceneSource, scene: config.Scene) -> AnalysedScene:
     """Analyses a few views. Raises UserError if they do not form a light field."""
     source, measured = plausible(source, scene.force)
-    middle = source.read(0, *source.middle)
+    middle = source.read(source.telling, *source.middle)
     ends = (
         {(0, 0), (0, source.cols - 1), (source.rows - 1, source.cols - 1)}
         - {source.middle}
         - source.missing
     )
     grey = is_grey(middle) and (
-        source.rendered or all(is_grey(source.read(0, *place)) for place in ends)
+        source.rendered or all(is_grey(source.read(source.telling, *place)) for place in ends)
     )
     order = orient(source, scene)
     if measured is not None and measured.missed_motion is not None:

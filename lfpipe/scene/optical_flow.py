@@ -124,6 +124,16 @@ def robust_fit(
     return np.asarray(solution, np.float64)
 
 
+def without_shake(x: NDArray[np.intp], y: NDArray[np.intp], motion_px: FloatMap) -> FloatMap:
+    """Motion of pixels at (x, y), float32 (n,) or (n, 2), without hand shake: the residual of a
+    least-squares fit by shift, rotation and zoom.
+    """
+    places = np.stack((np.ones(len(x)), x, y), axis=1).astype(np.float32)
+    return np.asarray(
+        motion_px - places @ np.linalg.lstsq(places, motion_px, rcond=None)[0], np.float32
+    )
+
+
 def textured(picture: Grey) -> Mask:
     """The 20 % of the pixels with the strongest edges, unless those are too weak."""
     edges = np.abs(cv2.Sobel(picture, cv2.CV_32F, 1, 0)) + np.abs(
@@ -146,7 +156,7 @@ def grey_views(source: SceneSource, most_px: float = LOOK_PX) -> Callable[[int, 
         if scale < 1 and source.small is not None:
             grey = cv2.resize(source.small(row, col, most_px), size, interpolation=cv2.INTER_AREA)
             return np.asarray(grey.astype(np.float32) * np.float32(1 / 255), np.float32)
-        picture = source.read(0, row, col)
+        picture = source.read(source.telling, row, col)
         if scale < 1:
             picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
         plane = picture if picture.ndim == 2 else cv2.transform(picture, _LUMA)

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from itertools import product
 
 import attrs
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,6 +24,7 @@ from lfpipe.scene.optical_flow import (
     SMALLEST_PX,
     FloatMap,
     Grey,
+    Mask,
     flow,
     grey_views,
     present_lines,
@@ -31,8 +33,7 @@ from lfpipe.scene.optical_flow import (
 )
 from lfpipe.scene.source import GridTransform, SceneSource
 
-# minimum motion per step above noise; motion along a line of views over motion across it
-MIN_PX, ALONG = 0.05, 2.0
+ALONG = 2.0  # motion along a line of views over motion across it
 ALIKE = 0.4  # minimum correlation of disparities along rows and columns of an ordered grid
 TRUTH_LEADS = 0.2  # share by which true disparity must match better in one order than in all others
 SPREAD_PX = 3.0  # flow that separates surfaces
@@ -256,7 +257,7 @@ def _by_flow(source: SceneSource) -> Orientation:
         measure_axis(lambda k, line=line: grey(*line[k]), len(line))  # type: ignore[misc]
         for line in present_lines(source)
     )
-    moving = [axis for axis in (across, down) if axis is not None and axis.along_px > MIN_PX]
+    moving = [axis for axis in (across, down) if axis is not None and axis.along_px > 0]
     if not moving:
         return unknown("the views hardly differ")
     transpose = moving[0].sideways != (moving[0] is across)
@@ -311,8 +312,10 @@ def measure_axis(view: Callable[[int], Grey], count: int) -> Axis | None:
     here = view(base)
     sides = [side for side in (1, -1) if 0 <= base + side < count]
     detail = textured(here)
+    crossed = _crossed(here, detail)
     # Motion grows with the step: choose a step with enough motion.
-    near_px = float(_motion_px(flow(here, view(base + sides[0])), detail).max())
+    moved, seen = returned_flow(here, view(base + sides[0]))
+    near_px = float(_motion_px(moved, seen, crossed).max())
     step = max(
         1,
         min(
@@ -322,7 +325,7 @@ def measure_axis(view: Callable[[int], Grey], count: int) -> Axis | None:
     )
     others = [(side * step, view(base + side * step)) for side in sides]
     flows = [returned_flow(here, there) for _, there in others]
-    x_px, y_px = (_motion_px(flows[0][0], flows[0][1] & detail) / step).tolist()
+    x_px, y_px = (_motion_px(*flows[0], crossed) / step).tolist()
     sideways = x_px >= y_px
     reliable = np.logical_or.reduce([confirmed for _, confirmed in flows])
     disparity = view_disparity(
@@ -362,10 +365,22 @@ def same_way(a: Axis, b: Axis) -> float:
     return alike
 
 
-def _motion_px(flow_px: FloatMap, use: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Amount of motion along x and y, float64 (2,): the spread between surfaces, and their common
-    motion for flat walls. flow_px: float32 (h, w, 2); use: pixels to use, if there are enough.
+def _crossed(picture: Grey, detail: Mask) -> list[Mask]:
+    """Where edges cross x, and where they cross y: flow along an edge is arbitrary."""
+    x, y = (np.abs(cv2.Sobel(picture, cv2.CV_32F, *way)) for way in ((1, 0), (0, 1)))
+    return [detail & (x >= y), detail & (y >= x)]
+
+
+def _motion_px(flow_px: FloatMap, confirmed: Mask, crossed: list[Mask]) -> NDArray[np.float64]:
+    """Amount of motion along x and y, float64 (2,), where edges cross each: the spread between
+    surfaces, and their common motion for flat walls; 0 if few edges do. Flow along edges that runs
+    free leaves hardly any of it confirmed.
     """
-    values = flow_px[use] if np.count_nonzero(use) >= FEWEST else flow_px.reshape(-1, 2)
-    low, middle, high = np.percentile(values, (5, 50, 95), axis=0)
-    return np.asarray(high - low + np.abs(middle), np.float64)
+    out = np.zeros(2)
+    for axis, edges in enumerate(crossed):
+        use = confirmed & edges
+        values = flow_px[use if np.count_nonzero(use) >= FEWEST else edges, axis]
+        if len(values) >= FEWEST:
+            low, middle, high = np.percentile(values, (5, 50, 95))
+            out[axis] = high - low + abs(middle)
+    return out

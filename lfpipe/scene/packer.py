@@ -178,7 +178,7 @@ def _middle_view(path: Path, settings: Scene) -> NDArray[np.floating[Any]]:
         planes = field.views[0, field.rows // 2, field.cols // 2]
         return np.repeat(np.moveaxis(planes, 0, -1), 3 // len(planes), axis=2) / 255
     source = layouts.describe(named_scene(path, cache_dir(settings)), settings)
-    view = source.read(0, *source.middle) / source.max_value
+    view = source.read(source.telling, *source.middle) / source.max_value
     return np.asarray(np.clip(view, 0, 1) ** (1 / 2.2 if source.linear else 1.0))
 
 

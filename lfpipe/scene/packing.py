@@ -292,7 +292,7 @@ def write_disparity(scene: AnalysedScene, folder: Path, progress: Progress) -> D
         out()[place] = quantised(steps * np.float32(_INTERIM_PX), scale_px)
     for frame in range(frames):
         fill_missing(scene.present, views()[frame], out()[frame], scale_px)
-    ends = out()[0, rows // 2, [0, cols // 2, cols - 1]]
+    ends = out()[scene.source.telling, rows // 2, [0, cols // 2, cols - 1]]
     interim_file.unlink()
     low, high = border_range(np.where(ends == UNKNOWN, np.nan, ends * np.float32(scale_px)))
     return attrs.evolve(about, border_low_px=low, border_high_px=high)

@@ -4,6 +4,7 @@ whether anything moves between them.
 
 import logging
 from collections.abc import Callable
+from itertools import pairwise
 
 import attrs
 import cv2
@@ -23,6 +24,7 @@ from lfpipe.scene.optical_flow import (
     returned_flow,
     robust_fit,
     textured,
+    without_shake,
 )
 from lfpipe.scene.source import GridTransform, SceneSource
 
@@ -32,16 +34,22 @@ _SMALLEST_PX = 48  # side of views: the flow needs a few patches
 _LOOSE_PX, _LOOSE_SHARE = 1.0, 0.2  # tolerance of the flow
 _STILL_PX = 1.0  # smaller motion counts as none
 _OFF_PX = 0.5  # deviation from a common motion above which pixels are near and count less
-_REFOCUSED = 4.0  # ratio of the sharpest to the least sharp picture of a block, in a focal stack
+# ratio of sharpness of two pictures, of neighbours in light fields at most 2; share of the detail
+# that is sharper in either
+_SHARPER, _EITHER = 2.5, 0.15
 _ROUND = 1.3  # ratio of residual motion in the two directions: below it, there is no direction
 _REACH, _FEWEST_POINTS = 8, 100  # views from the middle; pixels to fit motion to
 # views; pixels that move between them; share of these seen half-way round
 _SHORTEST_CIRCLE, _FEWEST_PX, _STAYS = 8, 200, 0.5
-_CLOSING = 2.0  # step from the last view to the first over that from the first to the second
+_CLOSING = 2.0  # step from the last view to the first over the median step
 _ROUNDNESS = 0.3  # shortest over longest radius of a circle
 # minimum correlation of a matched block, and its lead over the second-best position
 _FOUND, _LEADS = 0.75, 0.08
 _FEWEST_BLOCKS, _MISSED = 6, 0.4  # matched blocks; share of them that the flow misses
+# of one background: px by which its motion differs, and share of all detail beside it; share of a
+# block's detail that must be seen again
+_ALIKE_PX, _BESIDE, _SEEN = 3.0, 0.15, 0.3
+_LEVEL = 0.01  # deviation of blocks across the line of cameras, in heights of the picture
 
 
 @attrs.frozen(kw_only=True)
@@ -49,6 +57,7 @@ class Motion:
     """Motion between two views, px at the edge of the picture."""
 
     parallax_px: float
+    depth_px: float  # of parallax: what is left without a shift, turn and zoom
     size_px: float  # of growing or shrinking
     directed: bool  # whether most of it is along one line
 
@@ -88,6 +97,7 @@ def _motion(a: Grey, b: Grey) -> Motion | None:
     crosswise = left_px.min() > _STILL_PX and left_px.max() < _ROUND * left_px.min() > 2 * shift_px
     return Motion(
         parallax_px=max(shift_px, float(left_px.max())),
+        depth_px=float(left_px.max()),
         size_px=min(abs(wider), abs(taller)) if wider * taller > 0 else 0.0,
         directed=not crosswise,
     )
@@ -100,22 +110,22 @@ def _spread_px(values: NDArray[np.float64]) -> NDArray[np.float64]:
     )
 
 
-def _change(views: list[Grey], every: list[Grey]) -> str:
+def _change(views: list[Grey]) -> str:
     """A change of the views of a line that a camera moving sideways does not cause; "" if there is
-    none. every: some views of the whole grid.
+    none.
     """
-    middle = len(views) // 2
-    motions = [
-        _motion(views[middle], views[min(len(views) - 1, middle + away)]) for away in (1, _REACH)
-    ]
-    if change := next((motion.change for motion in motions if motion and motion.change), ""):
-        return change
-    still = all(motion is not None and motion.parallax_px < _STILL_PX for motion in motions)
-    if still and (ratio := _refocused(every)) > _REFOCUSED:
-        return (
-            f"they differ in focus or exposure (sharpness by a factor of {ratio:.0f}), not in"
-            " viewpoint"
-        )
+    middle = (len(views) - 1) // 2
+    here = views[middle]
+    for away in (1, -1, _REACH) if len(views) > 2 else (1,):
+        there = views[min(len(views) - 1, middle + away)]
+        motion = _motion(here, there)
+        if motion is None:
+            continue
+        if motion.change:
+            return motion.change
+        still = motion.parallax_px < _STILL_PX
+        if (still or away < _REACH) and _focus_differs(here, there, motion.parallax_px):
+            return "they differ in focus or exposure, not in viewpoint"
     return ""
 
 
@@ -145,25 +155,49 @@ def _found(a: Grey, b: Grey, y: int, x: int, side: int) -> tuple[int, int] | Non
 
 def _blocks(a: Grey, b: Grey, ahead: FloatMap) -> tuple[float, float] | None:
     """The range of motion along x, in shares of the width, of blocks of a that are matched in b and
-    back, but that the flow misses; None if the flow finds them, or they are not in b.
+    back, but that the flow misses; None if the flow finds them, or they are not in b: they move
+    up and down, or all alike while others are not found.
     """
     height, width = a.shape
     side = min(height, width) // 7
-    moves, missed = [], []
+    moves, missed, lost = [], [], []
     for y in np.linspace(side // 2, height - side - side // 2, 6).astype(int).tolist():
         for x in np.linspace(0, width - side, 8).astype(int).tolist():
-            there = _found(a, b, y, x, side) if a[y : y + side, x : x + side].std() > 8 else None
+            if a[y : y + side, x : x + side].std() <= 8:
+                continue
+            there = _found(a, b, y, x, side)
             back = there and _found(b, a, *there, side)
             if not there or not back or max(abs(back[0] - y), abs(back[1] - x)) > 2:
+                lost.append(x)
                 continue
             move = float(there[1] - x)
             flowed = float(np.median(ahead[y : y + side, x : x + side, 0]))
-            moves.append(move)
+            moves.append((move, float(there[0] - y)))
             missed.append(abs(flowed - move) > max(2.0, 0.2 * abs(move)))
     if len(moves) < _FEWEST_BLOCKS or np.mean(missed) < _MISSED:
         return None
-    low, high = np.percentile(moves, (5, 95))
-    return float(low) / width, float(high) / width
+    (low, top), (middle, _), (high, bottom) = np.percentile(moves, (5, 50, 95), axis=0).tolist()
+    beside = sum(0 <= x + middle <= width - side for x in lost)
+    if bottom - top > max(2.0, _LEVEL * height) or (
+        high - low < _ALIKE_PX and beside > _BESIDE * (beside + len(moves))
+    ):
+        return None
+    return low / width, high / width
+
+
+def _one_background(a: Grey, b: Grey, confirmed: Mask) -> bool:
+    """Whether all that two pictures have in common moves alike, and other parts are not found."""
+    detail = textured(a)
+    motion = _motion(a, b)
+    side = min(a.shape) // 7
+    size = a.shape[1] // side, a.shape[0] // side
+    share, seen = (
+        cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        for mask in (detail, detail & confirmed)
+    )
+    use = share > share.mean() / 4
+    lost = float((seen[use] < _SEEN * share[use]).mean()) if use.any() else 0.0
+    return motion is not None and motion.depth_px < _ALIKE_PX and lost > _BESIDE
 
 
 def _pair(a: Grey, b: Grey) -> Measurements:
@@ -176,20 +210,10 @@ def _pair(a: Grey, b: Grey) -> Measurements:
     return Measurements(
         held_out_db=cv2.PSNR(displaced(b, ahead), a),
         explained=explained,
+        change=_change([a, b])
+        or "they show different things before one background" * _one_background(a, b, confirmed),
         moved_px=_moved_px(detail, ahead, confirmed),
         missed_motion=_blocks(a, b, ahead) if explained < EXPLAINED else None,
-    )
-
-
-def _unsteady(
-    x: NDArray[np.intp], y: NDArray[np.intp], motion_px: NDArray[np.float32]
-) -> NDArray[np.float32]:
-    """Motion of pixels, float32 (n,), without hand shake: the residual of a least-squares fit by
-    shift, rotation and zoom.
-    """
-    places = np.stack((np.ones(len(x)), x, y), axis=1).astype(np.float32)
-    return np.asarray(
-        motion_px - places @ np.linalg.lstsq(places, motion_px, rcond=None)[0], np.float32
     )
 
 
@@ -211,35 +235,34 @@ def _triple(before: Grey, middle: Grey, after: Grey) -> Measurements:
     to_before, to_after = (flow(middle, other)[detail] for other in (before, after))
     y, x = np.nonzero(detail)
     along, beside = (to_after[:, k] for k in ((0, 1) if sideways else (1, 0)))
-    off = np.hypot(*(_unsteady(x, y, (to_before + to_after)[:, k]) for k in (0, 1)))
+    off = np.hypot(*(without_shake(x, y, (to_before + to_after)[:, k]) for k in (0, 1)))
     loose = _LOOSE_PX + _LOOSE_SHARE * np.abs(along)
-    explained = float(((off < loose) & (np.abs(_unsteady(x, y, beside)) < loose)).mean())
+    explained = float(((off < loose) & (np.abs(without_shake(x, y, beside)) < loose)).mean())
     return Measurements(held_out_db=held_out, explained=explained, moved_px=moved_px)
 
 
-def _refocused(views: list[Grey]) -> float:
-    """Median over textured blocks of the ratio of the sharpest to the least sharp picture; 1 if all
-    blocks are sharpest in the same picture.
+def _focus_differs(a: Grey, b: Grey, parallax_px: float) -> bool:
+    """Whether two pictures differ in focus: parts of either are much sharper, or of one although
+    nothing moves. Parallax beyond a block hides that.
     """
-    side = max(8, min(views[0].shape) // 8)
-    sharp = []
-    for view in views:
-        detail = np.square(cv2.Laplacian(view, cv2.CV_32F, ksize=3))
-        sharp.append(
-            cv2.resize(
-                detail, (view.shape[1] // side, view.shape[0] // side), interpolation=cv2.INTER_AREA
-            ).ravel()
-        )
-    blocks = np.stack(sharp)
-    use = blocks.max(axis=0) > max(30.0, float(np.median(blocks.max(axis=0))))
-    if use.sum() < 4:
-        return 1.0
-    best = blocks[:, use].argmax(axis=0)
-    ratio = blocks[:, use].max(axis=0) / (blocks[:, use].min(axis=0) + 5.0)
-    return (
-        float(np.median(ratio))
-        if len(np.unique(best)) > 1 and np.bincount(best).max() < 0.8 * len(best)
-        else 1.0
+    side = max(8, min(a.shape) // 8)
+    if parallax_px > side:
+        return False
+    sharp, other = (
+        cv2.blur(np.square(cv2.Laplacian(view, cv2.CV_32F, ksize=3)), (side, side))
+        for view in (a, b)
+    )
+    ahead, confirmed = returned_flow(a, b)
+    other = np.asarray(displaced(other, ahead), np.float32)
+    most = np.maximum(sharp, other)
+    use = confirmed & (most > max(30.0, float(np.median(most))))
+    if np.count_nonzero(use) < _FEWEST_POINTS:
+        return False
+    ratio = np.log2((sharp[use] + 5) / (other[use] + 5))
+    either = min(float((ratio > 1).mean()), float((ratio < -1).mean()))
+    return bool(
+        np.median(np.abs(ratio)) > np.log2(_SHARPER)
+        and (parallax_px < _STILL_PX or either > _EITHER)
     )
 
 
@@ -254,44 +277,47 @@ def _is_circle(line: list[Grey]) -> str:
     ahead = flow(first, second)[detail]
     step_px = np.hypot(*ahead.T)
     moving = step_px > _LOOSE_PX
-    if np.count_nonzero(moving) < _FEWEST_PX:
-        return ""
-    off = np.hypot(*(back + ahead)[moving].T)
-    comes = float((off < _LOOSE_PX + _LOOSE_SHARE * step_px[moving]).mean())
-    stays = float(returned_flow(first, middle)[1][detail][moving].mean())
-    if comes > EXPLAINED and stays < _STAYS:
-        return "the last picture follows the first one: a turntable, or a walk around something"
-    closing = float(np.median(np.hypot(*back[moving].T) / step_px[moving]))
-    # the cheap test first: the flows of a whole circle are expensive
-    if closing < _CLOSING and stays >= _STAYS and _goes_round(line):
+    if np.count_nonzero(moving) >= _FEWEST_PX:
+        off = np.hypot(*(back + ahead)[moving].T)
+        comes = float((off < _LOOSE_PX + _LOOSE_SHARE * step_px[moving]).mean())
+        stays = float(returned_flow(first, middle)[1][detail][moving].mean())
+        if comes > EXPLAINED and stays < _STAYS:
+            return "the last picture follows the first one: a turntable, or a walk around something"
+    if _goes_round(line):
         return "the camera walks on a circle, not along a line or over a grid"
     return ""
 
 
 def _goes_round(line: list[Grey]) -> bool:
-    """Whether the camera's path goes once around its middle: all static parts follow one path,
-    scaled by nearness, which is the first principal component of the motion.
+    """Whether the camera's path goes once around its middle and ends where it began: all static
+    parts, followed from view to view, follow one path, scaled by nearness, which is the first
+    principal component of the motion.
     """
-    chosen = sorted({round(at) for at in np.linspace(1, len(line) - 1, 12)})
-    use = textured(line[0])
-    flows = []
-    for k in chosen:
-        ahead, confirmed = returned_flow(line[0], line[k])
-        use &= confirmed
-        flows.append(ahead)
-    if np.count_nonzero(use) < _FEWEST_PX:
+    chosen = sorted({round(at) for at in np.linspace(0, len(line) - 1, 13)})
+    start = np.argwhere(textured(line[0]))[:, ::-1].astype(np.float32)
+    at, seen, tracks = start, np.ones(len(start), bool), []
+    for k, following in pairwise(chosen):
+        ahead, confirmed = returned_flow(line[k], line[following])
+        x, y = np.clip(np.rint(at), 0, np.array(ahead.shape[1::-1]) - 1).astype(int).T
+        seen &= confirmed[y, x]
+        at = at + ahead[y, x]
+        tracks.append((at - start).T)
+    if np.count_nonzero(seen) < _FEWEST_PX:
         return False
-    motion = np.stack([ahead[use].T for ahead in flows]).reshape(2 * len(flows), -1)
+    motion = np.stack(tracks)[..., seen].reshape(2 * len(tracks), -1)
     path = np.linalg.svd(motion, full_matrices=False)[0][:, 0].reshape(-1, 2)
     path = np.concatenate([np.zeros((1, 2)), path])
+    steps = np.hypot(*np.diff(path, axis=0).T)
     away = path - (path.min(axis=0) + path.max(axis=0)) / 2
     distance = np.hypot(*away.T)
     angle = np.arctan2(away[:, 1], away[:, 0])
     turns = (np.diff(np.append(angle, angle[0])) + np.pi) % (2 * np.pi) - np.pi
-    winds = (
-        abs(float(turns.sum())) > np.pi and np.mean(np.sign(turns) == np.sign(turns.sum())) > 0.9
+    return bool(
+        np.hypot(*path[-1]) < _CLOSING * np.median(steps)
+        and abs(float(turns.sum())) > np.pi
+        and np.mean(np.sign(turns) == np.sign(turns.sum())) > 0.9
+        and distance.min() > _ROUNDNESS * distance.max()
     )
-    return bool(winds and distance.min() > _ROUNDNESS * distance.max())
 
 
 def measure_views(source: SceneSource) -> Measurements | None:
@@ -310,6 +336,7 @@ def measure_views(source: SceneSource) -> Measurements | None:
             return None
         return Measurements.median(
             pairs,
+            change=next((pair.change for pair in pairs if pair.change), ""),
             moved_px=max(pair.moved_px for pair in pairs),
             missed_motion=pairs[0].missed_motion if len(pairs) == 1 else None,
         )
@@ -321,14 +348,10 @@ def measure_views(source: SceneSource) -> Measurements | None:
                 min(len(line) - 2, len(line) - 1 - len(line) // 5),
             } - {len(line) // 2}:
                 triples.append(_triple(*(grey(*line[middle + k]) for k in (-1, 0, 1))))
-    places = source.places
-    every = [
-        grey(*places[k]) for k in sorted({round(p) for p in np.linspace(0, len(places) - 1, 9)})
-    ]
     # the middle of the lines
     around = [line[max(0, len(line) // 2 - _REACH) : len(line) // 2 + _REACH + 1] for line in lines]
-    changes = [_change([grey(*place) for place in views], every) for views in around]
-    change = changes[0] if all(changes) else ""
+    changes = [_change([grey(*place) for place in views]) for views in around]
+    change = next(filter(None, changes), "")
     line = lines[0]
     if len(lines) == 1 and len(line) >= _SHORTEST_CIRCLE:
         change = _is_circle([grey(*place) for place in line]) or change
@@ -359,9 +382,9 @@ def plausible(source: SceneSource, force: bool) -> tuple[SceneSource, Measuremen
     )
     found = measured.classification
     refused = found.kind is SceneKind.NOT_A_LIGHT_FIELD
-    if found.kind is SceneKind.LIGHT_FIELD or (refused and source.certain):
+    if found.kind is SceneKind.LIGHT_FIELD:
         return source, measured
-    if refused and not force:
+    if refused and not force and not source.certain:
         grid = f"{source.rows}x{source.cols} views of layout {source.layout}"
         anyway = "open it anyway with --set scene.force=true"
         if len(source.files) > 1:

@@ -70,6 +70,7 @@ class SceneSource:
     than `read`"""
     frames: int = 1
     frame_rate_hz: float = 0.0
+    telling: int = 0  # the frame that is analysed: the first one may be black
     missing: frozenset[tuple[int, int]] = frozenset()  # grid indices without a view
     turn: GridTransform | None = None
     """to canonical order, if the layout or camera coordinates define it"""

@@ -84,6 +84,14 @@ def circle(count: int, radius: float = 3.0, upright: float | None = None) -> lis
     return [layered(radius * np.cos(a), (upright or radius) * np.sin(a)) for a in angles]
 
 
+def square(side: int, radius: float) -> list[Pictures]:
+    """A camera that walks around a square of that many steps a side, and returns."""
+    along = np.linspace(-radius, radius, side, endpoint=False)
+    top = [(at, -radius) for at in along]
+    right = [(radius, at) for at in along]
+    return [layered(x, y) for x, y in top + right] + [layered(-x, -y) for x, y in top + right]
+
+
 def drive(count: int, eye: float = 0.0) -> list[Pictures]:
     """A camera that drives forward: everything grows and passes."""
     views = []
@@ -167,12 +175,17 @@ def tum(folder: Path) -> Path:
     return folder
 
 
-def sequence(left: str, right: str) -> Make:
+def sequence(left: str, right: str, name: str = "{:06d}.png") -> Make:
     """Pairs over time in two folders."""
     return together(
-        below(left, numbered(drive(8), "{:06d}.png")),
-        below(right, numbered(drive(8, 1.0), "{:06d}.png")),
+        below(left, numbered(drive(8), name)),
+        below(right, numbered(drive(8, 1.0), name)),
     )
+
+
+def text_in(*folders: str) -> Make:
+    """A file without a picture in each of these folders."""
+    return together(*(below(folder, one("data.csv", b"1, 0, 0")) for folder in folders))
 
 
 def with_maps(kind: str) -> Make:
@@ -283,6 +296,8 @@ NINE = np.broadcast_to(VIEW, (9, 9, *VIEW.shape))
 CROSS = [f"v_{r}_{c}.png" for r in range(9) for c in range(9) if r != 4 and c != 4]
 LEFT_PART = [f"v_{r}_{c}.png" for r in range(9) for c in range(4, 9) if (r, c) != (0, 8)]
 LINE45 = made.views(1, 45, 91, 102, 0.5, -0.3)[0]
+REFOCUSED = made.refocused(np.array([-2, 0, 2]))[0]
+SHARP = made.views(9, 9, 144, 192, 2.0, -2.0)[4, 4, ..., 1]
 LARGE_TILES = np.array(
     [[cv2.resize(LINE45[5 * (8 - r) + c], (819, 455)) for c in range(5)] for r in range(9)]
 )
@@ -315,6 +330,14 @@ SETS: dict[str, list[PeopleSet]] = {
         refuses("frames of a wide circle of 9", numbered(circle(9, 5.0)), CIRCLE),
         refuses("frames of a circle of 8", numbered(circle(8)), CIRCLE),
         refuses("frames of an ellipse of 20", numbered(circle(20, 4.0, 1.8)), CIRCLE),
+        *(
+            refuses(
+                f"frames around a square of {side}, {radius}",
+                numbered(square(side, radius)),
+                CIRCLE,
+            )
+            for side, radius in ((4, 1.0), (2, 3.0), (6, 5.0))
+        ),
         opens("frames of half a circle", numbered(circle(24, 3.0, 0.4)[:12]), "numbered 1x12"),
         opens(
             "mosaic of small tiles",
@@ -325,12 +348,20 @@ SETS: dict[str, list[PeopleSet]] = {
             "mosaic of 860 px, 9 tiles",
             one("a.png", cv2.resize(made.mosaic(made.views(9, 9, 96, 96)), (860, 860))),
             "mosaic 9x9",
-            grid="9x9",
         ),
     ],
     "folders as recorded": [
-        opens("image and depth", recorded(), "rgbd 5x9"),
-        opens("rgb and depth", recorded(image="rgb", ends="png"), "rgbd 5x9"),
+        opens("image and depth", recorded(), "rgbd 5x9", sure=False, text="frames of one camera"),
+        opens("rgb and depth", recorded(image="rgb", ends="png"), "rgbd 5x9", sure=False),
+        opens(
+            "rgb and depth, as views",
+            together(
+                below("rgb", numbered(list(LINE12[0]))),
+                below("depth", numbered([MILLIMETRES] * 12)),
+            ),
+            "numbered 1x12",
+            layout="numbered",
+        ),
         opens("color and depth", recorded(image="color"), "rgbd 5x9", text="00001"),
         opens("times of TUM", tum, "rgbd 5x9"),
         opens("one folder down", below("scene01", recorded(image="color")), "rgbd 5x9"),
@@ -378,6 +409,44 @@ SETS: dict[str, list[PeopleSet]] = {
         opens("image_02, image_03", sequence("image_02", "image_03"), "stereo 1x2"),
         opens("cam0, cam1", sequence("cam0", "cam1"), "stereo 1x2"),
         opens("cam0/data, cam1/data", sequence("cam0/data", "cam1/data"), "stereo 1x2"),
+        opens(
+            "a recording of a drone",
+            together(
+                sequence("mav0/cam0/data", "mav0/cam1/data", "14036365797635{:05d}.png"),
+                text_in(*(f"mav0/{beside}" for beside in ("", "cam0", "cam1", "imu0", "x/y/z"))),
+            ),
+            "stereo 1x2",
+            text="2 of 16 files used",
+        ),
+        opens(
+            "a recording of a car",
+            together(
+                *(sequence(f"d/image_0{k}/data", f"d/image_0{k + 1}/data") for k in (0, 2)),
+                text_in("d/oxts", "d/oxts/data", "d/image_00", "d/image_03"),
+            ),
+            "stereo 1x2",
+        ),
+        opens(
+            "left, right, imu",
+            together(sequence("left", "right"), text_in("imu", "")),
+            "stereo 1x2",
+            text="2 of 16 files used",
+        ),
+        opens(
+            "rows, calib and results",
+            together(
+                grid(TWELVE, "row_{r}/cam_{c}.jpg"),
+                text_in("results", "results/a", "row_1"),
+                below("calib", numbered(ALBUM[:3])),
+            ),
+            "rows-cols 3x4",
+            text="not used: calib/",
+        ),
+        refuses(
+            "numbered folders of scenes, and text",
+            together(*(below(f"s{k}", grid(TWELVE, "v_{r}_{c}.png")) for k in (1, 2)), text_in("")),
+            "(remedy: give one of them, PATH/s1)",
+        ),
         opens("left_images, right_images", sequence("left_images", "right_images"), "stereo 1x2"),
         opens("left, right", sequence("left", "right"), "stereo 1x2", sure=True, text="000001"),
         opens(
@@ -489,6 +558,25 @@ SETS: dict[str, list[PeopleSet]] = {
             "anaglyph.png, small",
             one("x anaglyph.png", anaglyph(made.views(1, 2, 96, 128, 1.6, -0.8)[0])),
             "anaglyph",
+        ),
+        *(
+            refuses(
+                f"refocused pictures, {names}",
+                together(
+                    files(all_in_focus_png=SHARP),
+                    *(
+                        one(name, picture)
+                        for name, picture in zip(names.split(), REFOCUSED, strict=False)
+                    ),
+                ),
+                "give the folder of one scene",
+            )
+            for names in ("f1.png f2.png f4.png", "f1.png f2.png f3.png", "0_0.png 0_1.png 1_0.png")
+        ),
+        refuses(
+            "refocused pictures, one twice",
+            numbered([*REFOCUSED[:2], REFOCUSED[1], REFOCUSED[2]], "f{:d}.png"),
+            "read as 1x3",
         ),
         refuses("album of 9", numbered(ALBUM, "IMG_{:04d}.png"), DIFFERENT),
         refuses("album of 5", numbered(ALBUM[:5], "DSC{:05d}.jpg"), DIFFERENT),

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+import cv2
 import h5py
 import numpy as np
 import pytest
@@ -281,6 +282,29 @@ def test_lines_between_tiles_are_cut_away(
         assert all(
             np.array_equal(source.read(0, r, c), grid[r, c]) for r, c in np.ndindex(rows, cols)
         )
+
+
+@pytest.mark.parametrize(
+    ("rows", "cols", "px"), [(9, 9, 96), (5, 7, 110), (15, 15, 64), (2, 3, 180)]
+)
+@pytest.mark.parametrize("scale", [0.7, 0.995, 1.1])
+def test_tiles_may_be_no_whole_number_of_px(rows: int, cols: int, px: int, scale: float) -> None:
+    whole = made.mosaic(made.views(rows, cols, px, px + 13, 1.0, -0.5))
+    size = round(scale * whole.shape[1]) + 1, round(scale * whole.shape[0]) + 1
+    tiles = find_tiles(cv2.resize(whole, size, interpolation=cv2.INTER_AREA))
+    assert tiles is not None and tiles.shape == (rows, cols)
+    off = [abs(at - size[0] * k / cols) for k, at in enumerate(tiles.lefts)]
+    assert max(off) <= 0.5
+
+
+def test_what_repeats_by_no_share_of_a_picture_is_no_mosaic() -> None:
+    """A wall of windows: 64 px and 80 px apart in 997 x 1201 px."""
+    rng = np.random.default_rng(4)
+    wall = np.full((997, 1201), 150.0)
+    for y, x in np.ndindex(12, 18):
+        wall[80 * y + 20 : 80 * y + 64, 64 * x + 18 : 64 * x + 48] = 90 + 5 * rng.normal()
+    wall += rng.normal(0, 4, wall.shape)
+    assert find_tiles(np.clip(wall, 0, 255).astype(np.uint8)) is None
 
 
 def test_find_tiles_ranks_what_the_name_and_the_pictures_say(

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 import attrs
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -195,6 +196,18 @@ ORDERS: dict[str, tuple[SceneSource, dict[str, Any], dict[str, Any], str]] = {
         {"turn": GridTransform(rows=True)},
         "",
     ),
+    # the least error of eight is no proof
+    "a map of something else": (
+        source(
+            GRID,
+            turn=GridTransform(rows=True),
+            truth={(2, 2): lambda: (made.texture(96, 128, 9)[..., 1] / 64 - 2).astype(np.float32)},
+            **NAMED,
+        ),
+        {},
+        {"turn": GridTransform(rows=True)},
+        "",
+    ),
     "maps of other views, too": (
         source(GRID[::-1], turn=GridTransform(), truth={**AROUND, **TRUTH}, **NAMED),
         {},
@@ -288,3 +301,31 @@ def test_depth_is_that_of_the_middle_view_in_either_way(near_px: float, far_px: 
     assert turned.depth is not None and turned.depth.max_px == pytest.approx(-far_px, abs=0.4), (
         "of the pack, without depth inversion"
     )
+
+
+def poles(count: int, near_px: float, grain: float) -> np.ndarray:
+    """A line of views of upright poles with a little grain: hardly an edge crosses y."""
+    shades, speckles = (np.random.default_rng(2).random((2, 144, 384))).astype(np.float32)
+    painted = np.repeat(
+        cv2.resize(shades[:1, ::6], (384, 1), interpolation=cv2.INTER_CUBIC), 144, 0
+    )
+    painted += grain * cv2.GaussianBlur(speckles, (0, 0), 2)
+    y, x = np.mgrid[:144, :192].astype(np.float32)
+    out = []
+    for step in np.arange(count, dtype=np.float32) - count // 2:
+        far, near = (
+            cv2.remap(painted, x + at + np.float32(px) * step, y, cv2.INTER_LINEAR)
+            for at, px in ((0, -near_px / 2), (192, near_px))
+        )
+        inside = np.abs(x + np.float32(near_px) * step - 96) < 32
+        out.append(np.clip(180 * np.where(inside, near, far) + 30, 0, 255).astype(np.uint8))
+    return np.array([out])
+
+
+@pytest.mark.parametrize("near_px", [0.15, 0.5, 1.5])
+@pytest.mark.parametrize("grain", [0.0, 0.02, 0.2])
+@pytest.mark.parametrize("upright", [True, False])
+def test_flow_along_edges_says_nothing(near_px: float, grain: float, upright: bool) -> None:
+    line = poles(45, near_px, grain)
+    order = orient(source(line if upright else line.swapaxes(2, 3)), AUTO)
+    assert order.by == "flow" and order.turn.transpose is not upright

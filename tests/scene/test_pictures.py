@@ -14,12 +14,14 @@ from PIL import Image
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene import layouts
+from lfpipe.scene import layouts, video
+from lfpipe.scene.analysis import analyse_scene
+from lfpipe.scene.layouts import stereo
 from lfpipe.scene.layouts.plenoptic import is_honeycomb
 from lfpipe.scene.missing_views import warped_disparity, warped_view
 from lfpipe.scene.orientation import orient
 from tests.scene import heic, made
-from tests.scene.writers import Make, files, one, together
+from tests.scene.writers import Make, files, film, one, together
 from tests.support.hostile_files import with_exif
 
 AUTO = config.Scene()
@@ -49,6 +51,23 @@ def mpo(first: np.ndarray, second: np.ndarray) -> bytes:
         file, "MPO", save_all=True, append_images=[Image.fromarray(second)], quality=97
     )
     return file.getvalue()
+
+
+def two_streams(path: Path, *streams: list[np.ndarray]) -> Path:
+    """A video of several streams, as 3D cameras write it."""
+    av = pytest.importorskip("av")
+    with av.open(str(path), "w") as container:
+        for pictures in streams:
+            stream = container.add_stream("mjpeg", rate=12)
+            stream.height, stream.width = pictures[0].shape[:2]
+            stream.pix_fmt = "yuvj420p"
+            stream.options = {"qscale": "2"}
+        for moment in zip(*streams, strict=True):
+            for stream, picture in zip(container.streams, moment, strict=True):
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, "rgb24")))
+        for stream in container.streams:
+            container.mux(stream.encode())
+    return path
 
 
 BESIDE = np.hstack([LEFT, RIGHT])
@@ -101,6 +120,72 @@ def test_the_left_eye_comes_first(tmp_path: Path, form: str) -> None:
     assert np.abs(first.astype(int) - LEFT).mean() < 0.6 * np.abs(first.astype(int) - RIGHT).mean()
     if form == "Middlebury":
         assert source.notes == ("2 of 5 files used; the others are disp2.png, disp6.png, im3.png",)
+
+
+OVER = np.vstack([LEFT, RIGHT])
+HALF = np.hstack([LEFT[:, ::2], RIGHT[:, ::2]])
+# by name, one frame, and black frames before it
+FILMS = {
+    "x_TB.mp4": (OVER, 0),
+    "x_BT.mp4": (OVER[np.r_[192:384, 0:192]], 0),
+    "x-top-bottom.avi": (OVER, 2),
+    "x_3dv.avi": (OVER, 0),
+    "x_half-ou.mkv": (np.vstack([LEFT[::2], RIGHT[::2]]), 0),
+    "x.H-TAB.mkv": (np.vstack([LEFT[::2], RIGHT[::2]]), 0),
+    "x_HSBS.mp4": (HALF, 0),
+    "x Half-SBS.mp4": (HALF, 3),
+    "x_LR.mp4": (BESIDE, 0),
+    "x_SBS.mp4": (BESIDE, 9),
+    "x_RL.mp4": (np.hstack([RIGHT, LEFT]), 0),
+    "x.mp4": (BESIDE, 5),
+    "y.mp4": (OVER, 5),
+}
+
+
+@pytest.mark.parametrize("name", FILMS)
+def test_a_stereo_video_follows_the_rules_of_a_picture(tmp_path: Path, name: str) -> None:
+    frame, black = FILMS[name]
+    frames = [np.zeros_like(frame)] * black + [frame // 8] * (black > 0) + [frame] * 12
+    found = analyse_scene(film(frames, name)(tmp_path), AUTO)
+    source = found.source
+    assert (source.layout, source.rows, source.cols) == ("stereo", 1, 2)
+    assert (source.frames, source.height_px, source.width_px) == (len(frames), 192, 256)
+    left = source.read(len(frames) - 1, *found.orientation.turn.file_index(0, 0, 1, 2))
+    off = [np.abs(left.astype(int) - eye).mean() for eye in (LEFT, RIGHT)]
+    assert off[0] < off[1] or found.orientation.undecided
+    # as of the picture
+    picture = made.write(tmp_path / f"{Path(name).stem}.png", frame)
+    still = analyse_scene(picture, AUTO)
+    assert bool(still.orientation.undecided) == bool(found.orientation.undecided)
+    assert still.turn == found.turn
+
+
+@pytest.mark.parametrize("name", ["DSCF0042.AVI", "a.mkv", "a.mov"])
+@pytest.mark.parametrize("pair", [True, False])
+def test_two_streams_are_a_pair_or_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, pair: bool
+) -> None:
+    path = two_streams(tmp_path / name, [LEFT] * 4, [RIGHT if pair else OTHER] * 4)
+    if pair:
+        source = layouts.describe(path, AUTO)
+        assert (source.layout, source.rows, source.cols, source.frames) == ("stereo", 1, 2, 4)
+        for col, eye in enumerate((LEFT, RIGHT)):
+            assert np.abs(source.read(1, 0, col).astype(int) - eye).mean() < 8
+        monkeypatch.setattr(video, "find_spec", lambda name: None)
+        monkeypatch.setattr(stereo, "find_spec", lambda name: None)
+        stereo._arrangement.cache_clear()
+    with pytest.raises(UserError, match="the second video stream") as caught:
+        layouts.describe(path, AUTO)
+    assert ("another package" in caught.value.message) == pair
+
+
+def test_a_video_opens_with_the_grid_that_its_remedy_asks_for(tmp_path: Path) -> None:
+    path = film([made.mosaic(np.array([[LEFT, OTHER]]))] * 5)(tmp_path)
+    with pytest.raises(UserError, match=r"form no grid") as caught:
+        layouts.describe(path, AUTO)
+    assert "--set scene.grid=ROWSxCOLS" in caught.value.remedy
+    source = layouts.describe(path, config.Scene(grid="1x2"))
+    assert (source.layout, source.rows, source.cols, source.frames) == ("mosaic-video", 1, 2, 5)
 
 
 @pytest.mark.parametrize("above", [False, True])

@@ -9,6 +9,7 @@ import pytest
 
 from lfpipe import config
 from lfpipe.errors import UserError
+from lfpipe.scene.analysis import analyse_scene
 from lfpipe.scene.classification import Measurements, SceneKind, best_method
 from lfpipe.scene.packing import pack_scene
 from lfpipe.scene.plausibility import measure_views
@@ -65,25 +66,35 @@ def breathing(count: int, step: float) -> np.ndarray:
     )[None]
 
 
-def refocused(slopes: np.ndarray) -> np.ndarray:
-    """A light field refocused at several depths."""
-    grid = made.views(9, 9, 144, 192, 2.0, -2.0)[..., 1].astype(np.float32)
-    out = [
-        sum(
-            np.roll(grid[r, c], (round(s * (r - 4)), round(s * (c - 4))), (0, 1))
-            for r, c in np.ndindex(9, 9)
-        )
-        for s in slopes
-    ]
-    return np.stack([np.asarray(total / 81, np.uint8) for total in out])[None]
-
-
 def quilt_row(seed: int) -> np.ndarray:
     """Three views of a scene of its own, side by side."""
     wide = made.texture(60, 100, seed)[..., 1]
     return np.hstack([wide[:, shift : shift + 80] for shift in (0, 8, 16)])
 
 
+def before_a_skyline(person: int, shift: int) -> np.ndarray:
+    """A portrait before a row of houses; other people stand before the same ones."""
+    rng = np.random.default_rng(3)
+    picture = np.full((240, 640), 200, np.uint8)
+    left = 0
+    while left < 640:
+        width, top = int(rng.integers(12, 40)), int(rng.uniform(24, 110))
+        picture[top:, left : left + width] = rng.integers(60, 140)
+        for y, x in np.ndindex(30, width // 7):
+            if top + 4 + 9 * y < 240:
+                window = picture[top + 4 + 9 * y :, left + 3 + 7 * x :][:4, :3]
+                window[:] = rng.integers(20, 240)
+        left += width
+    picture = picture[:, shift : shift + 320].copy()
+    y, x = np.mgrid[:240, :320]
+    middle = 320 * np.random.default_rng(person).uniform(0.35, 0.65)
+    head = np.hypot((x - middle) / 42, (y - 96) / 53) < 1
+    body = np.hypot((x - middle) / 102, (y - 252) / 108) < 1
+    picture[head | body] = made.texture(240, 320, 50 + person)[..., 1][head | body]
+    return picture
+
+
+SHARP = made.views(9, 9, 144, 192, 2.0, -2.0)[4, 4, ..., 1]
 UNRELATED = np.array([made.texture(120, 160, seed)[..., 1] for seed in range(16)])
 NO_LIGHT_FIELDS = {
     "unrelated, line": UNRELATED[None],
@@ -101,10 +112,23 @@ NO_LIGHT_FIELDS = {
     "focal stack that hardly breathes": breathing(9, 0.004),
     "zoom": np.stack([zoomed(UNRELATED[0], 1.05**k) for k in range(8)])[None],
     "turned": np.stack([zoomed(UNRELATED[0], 1, 15 * k) for k in range(8)])[None],
-    "refocused": refocused(np.linspace(-3, 3, 7)),
+    "refocused": made.refocused(np.linspace(-3, 3, 7)),
     "refocused, breathing": np.stack(
-        [zoomed(v, 1 + 0.01 * k) for k, v in enumerate(refocused(np.linspace(-3, 3, 7))[0])]
+        [zoomed(v, 1 + 0.01 * k) for k, v in enumerate(made.refocused(np.linspace(-3, 3, 7))[0])]
     )[None],
+    **{
+        f"refocused pair, {a} and {b}": made.refocused(np.array([a, b]))
+        for a, b in ((-2.0, 0.0), (0.0, 1.0), (-1.5, 2.0))
+    },
+    **{
+        f"two people before one skyline, {shift} px": np.stack(
+            [before_a_skyline(person, 10 + shift * (person - 5)) for person in (5, 6)]
+        )[None]
+        for shift in (0, 4, 20, 60)
+    },
+    "focal stack of two": focal_stack(9)[:, ::8],
+    "refocused and sharp": np.stack([SHARP, made.refocused(np.array([1.0]))[0, 0]])[None],
+    "refocused, three": made.refocused(np.array([-1.5, 0.5, 2.0])),
     "one picture cut up": made.texture(480, 640, 3)[..., 1].reshape(4, 120, 4, 160).swapaxes(1, 2),
     "quilts": np.stack([quilt_row(seed) for seed in range(0, 60, 10)])[None],
 }
@@ -140,6 +164,10 @@ def ends_where_it_began(shift_px: int) -> np.ndarray:
 
 
 LIGHT_FIELDS = {
+    # found again, by flow or by blocks, however far apart
+    **{
+        f"a pair, {px} px": made.views(1, 2, 192, 256, px, -px / 2) for px in (2.0, 8.0, 16.0, 24.0)
+    },
     **{f"ends where it began, {px} px": ends_where_it_began(px) for px in range(3)},
     "held by hand": held_by_hand(made.views(3, 5, 144, 192)),
     "held by hand, a line": held_by_hand(made.views(1, 9, 144, 192)),
@@ -167,6 +195,13 @@ def test_no_light_field_is_refused(kind: str) -> None:
     measured = measure_views(as_source(LIGHT_FIELDS[kind]))
     assert measured is not None and measured.classification.kind is not SceneKind.NOT_A_LIGHT_FIELD
     assert "hand" not in kind or measured.explained > 0.4
+
+
+def test_a_pair_by_name_that_is_none_is_doubted(tmp_path: Path) -> None:
+    for name, picture in zip(("left", "right"), UNRELATED, strict=False):
+        made.write(tmp_path / f"x_{name}.png", picture)
+    found = analyse_scene(tmp_path, config.Scene())
+    assert found.source.layout == "stereo" and "different pictures" in found.orientation.undecided
 
 
 def test_force_opens_what_was_refused(tmp_path: Path) -> None:

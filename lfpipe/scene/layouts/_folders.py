@@ -4,6 +4,8 @@ only folder with pictures.
 
 import contextlib
 import re
+from collections.abc import Collection, Iterator
+from itertools import islice
 from pathlib import Path
 
 import attrs
@@ -17,7 +19,7 @@ _DEEPEST = 8  # levels: exports nest three or four
 _KIND = r"s?([-_ ]?(raw|data|map|maps|image|images|png|filled))?"
 _COLOUR_FOLDER = re.compile(rf"(rgb|colou?r|image|img|photo|picture){_KIND}")
 _DEPTH_FOLDER = re.compile(rf"(depth|disparity|disp){_KIND}")
-_BESIDE = ("__macosx", "raw", "thumbs", "thumbnails", "original", "originals", "backup")
+_BESIDE = re.compile(r"__macosx|raw|thumb(nail)?s|originals?|backup|calib(ration)?(_?data)?")
 
 
 def inner_listing(listing: Listing, deepest: int = _DEEPEST) -> Listing | None:
@@ -35,12 +37,12 @@ def inner_listing(listing: Listing, deepest: int = _DEEPEST) -> Listing | None:
 
 
 def _inner(listing: Listing, deepest: int) -> Listing | None:
-    inner = dict(_only_below(name, _listed(listing, name)) for name in listing.folders)
+    inner = dict(_with_pictures(listing))
     if listing.pictures() or len(inner) > 1:
         inner = {
             name: one
             for name, one in inner.items()
-            if not MAPS.search(name) and name.lower() not in _BESIDE
+            if not MAPS.search(name) and not _BESIDE.fullmatch(name.lower())
         }
     if len(inner) == 1 and deepest > 1:
         only = next(iter(inner.values()))
@@ -55,10 +57,10 @@ def _inner(listing: Listing, deepest: int) -> Listing | None:
         return None
     if len(rows) < len(inner) or not _are_rows(list(rows), names):
         most = max(rows, key=lambda name: len(rows[name].pictures()))
+        rename = "; if the folders are rows of one scene, name them row_01, row_02"
         raise UserError(
             f"{listing.path}: pictures are in {len(rows)} folders: {', '.join(list(rows)[:4])}",
-            f"give one of them, {listing.path / most}; if the folders are rows of one scene, name"
-            " them row_01, row_02",
+            f"give one of them, {listing.path / most}{rename * (not _numbered(rows))}",
         )
     return attrs.evolve(listing, names=names, folders=())
 
@@ -74,11 +76,18 @@ def depth_folders(listing: Listing) -> tuple[str, str] | None:
     return None if colour is None or depth is None else (colour, depth)
 
 
-def _only_below(name: str, one: Listing) -> tuple[str, Listing]:
-    """A folder, or its only subfolder: cam0/data."""
-    while not one.names and len(one.folders) == 1 and name.count("/") < _DEEPEST:
-        name, one = f"{name}/{one.folders[0]}", _listed(one, one.folders[0])
-    return name, one
+def _with_pictures(listing: Listing, deepest: int = _DEEPEST) -> Iterator[tuple[str, Listing]]:
+    """The subfolders with pictures in or below them, each replaced by its only such subfolder if it
+    has none itself: cam0/data beside cam0/sensor.yaml.
+    """
+    for name in listing.folders if deepest else ():
+        one = _listed(listing, name)
+        # two are known to be several: a large tree is not read to its end
+        below = [] if one.pictures() else list(islice(_with_pictures(one, deepest - 1), 2))
+        if len(below) == 1:
+            yield f"{name}/{below[0][0]}", below[0][1]
+        elif one.pictures() or below:
+            yield name, one
 
 
 def _listed(listing: Listing, name: str) -> Listing:
@@ -93,30 +102,32 @@ def _listed(listing: Listing, name: str) -> Listing:
 def note_of(given: Listing, inner: Listing) -> str:
     """A note of the used and unused pictures of a folder; "" if all are used."""
     parts = inner.path.relative_to(given.path).parts
+    rows = {name.partition("/")[0] for name in inner.names if "/" in name}
     at = given
-    others = [] if parts else given.pictures()
-    for part in parts:
-        others += [at.file(name).relative_to(given.path).as_posix() for name in at.pictures()]
+    others: list[str] = []
+    for kept in [{part} for part in parts] + [rows] * bool(rows):
+        where = at.path.relative_to(given.path)
+        others += [(where / name).as_posix() for name in at.pictures()]
         others += [
-            f"{name}/" for name in at.folders if name != part and _listed(at, name).pictures()
+            f"{name}/" for name in at.folders if name not in kept and _listed(at, name).pictures()
         ]
-        at = _listed(at, part)
+        at = _listed(at, min(kept))
     taken = [f"the pictures are those of {Path(*parts)}"] if parts else []
     return "; ".join(taken + [f"not used: {some(others)}"] * bool(others))
 
 
+def _numbered(folders: Collection[str]) -> bool:
+    """Whether the names of folders differ in one number or letter only."""
+    read = read_names(tuple(f"{name}.png" for name in folders))
+    return read is not None and len(read.views) == len(folders)
+
+
 def _are_rows(folders: list[str], names: tuple[str, ...]) -> bool:
-    """Whether folders are rows of one scene: their names differ in one number or letter only, or
-    are those of a stereo pair, and the names of their pictures are unambiguous. A grid in each
-    folder means one scene per folder.
+    """Whether folders are rows of one scene: they are numbered, or are those of a stereo pair, and
+    the names of their pictures are unambiguous. A grid in each folder means one scene per folder.
     """
     sides = [side_of(name) for name in folders]
     if len(sides) == 2 and sides[0] and sides[1] and sides[0][0] == sides[1][0]:
         return True
-    numbered = read_names(tuple(f"{name}.png" for name in folders))
     together = read_names(names)
-    return (
-        numbered is not None
-        and len(numbered.views) == len(folders)
-        and not (together is not None and together.doubt)
-    )
+    return _numbered(folders) and not (together is not None and together.doubt)

@@ -17,12 +17,13 @@ from lfpipe.errors import UserError
 from lfpipe.files.pictures import MAX_DECODING_BYTES, Header, open_header, read_picture, small_grey
 from lfpipe.scene.files import MAX_FILES, Listing, stem_of
 from lfpipe.scene.layouts._names import MAX_SIDE, NumberedNames, placed, read_names, spaced
-from lfpipe.scene.layouts._running import MAX_PICTURES, Running, lay_out
+from lfpipe.scene.layouts._order import motion_order
+from lfpipe.scene.layouts._running import MAX_PICTURES, Running, lay_out, reduced
 from lfpipe.scene.source import GridTransform, SceneSource, ViewIndex
 
 LOSSY = (".jpg", ".jpeg", ".webp", ".avif", ".gif")
 MIN_VIEW_PX = 12  # side of a view: a smaller one shows nothing
-_SMALL_PX = 96 * 128  # of pictures compared to find the columns of a running number
+_SMALL_PX = 256  # side of pictures compared to find the columns of a running number
 GRID_REMEDY = (
     "state the grid: `lfpipe scene describe FOLDER --grid ROWSxCOLS`; or name the views"
     " view_ROW_COLUMN.png, or give one picture by its own path"
@@ -249,7 +250,11 @@ def _laid_out(
     UserError.
     """
     names = {col: name for (_, col), name in numbered.views.items()}
-    read = cache(lambda position: small_grey(listing.file(names[position]), _SMALL_PX))
+
+    @cache
+    def read(position: int) -> NDArray[np.uint8]:
+        return reduced(small_grey(listing.file(names[position]), _SMALL_PX**2), _SMALL_PX)
+
     sizes = Counter(listing.file(name).stat().st_size for name in names.values())
     possible_copies = [
         position
@@ -260,13 +265,31 @@ def _laid_out(
     run, places, again = lay_out(read, present, grid, possible_copies)
     if run is None:
         raise misfit(str(listing.path), len(places), grid)
+    kept = sorted(places)
+    order, astray = motion_order(read, kept) if not grid and len(kept) > 2 else ([], None)
+    if order:  # a line, whatever the likeness of its pictures says
+        run = Running(rows=1, cols=run.rows * run.cols)
+    note = described_run(run, grid)
+    if order not in ([], kept):
+        run = attrs.evolve(run, cols=len(order))
+        places = {position: place for place, position in enumerate(order)}
+        note = (
+            "the views are in the order that the motion between them proves, not in that of their"
+            f" names: {some([names[position] for position in order])}"
+        )
     views = {run.index(place): names[position] for position, place in places.items()}
     twice = [
         f"{names[late]} is the same picture as {names[early]}" for late, early in again.items()
     ]
+    doubt = run.doubt
+    if astray is not None and run.rows == 1:
+        doubt = (
+            f"the order of the views: {names[astray]} is not between the two beside it"
+            f" (--set scene.grid=1x{run.cols} takes the names' order)"
+        )
     return attrs.evolve(
-        numbered, views=views, rows=run.rows, cols=run.cols, doubt=run.doubt
-    ), "; ".join([*twice, described_run(run, grid)])
+        numbered, views=views, rows=run.rows, cols=run.cols, doubt=doubt
+    ), "; ".join([*twice, note])
 
 
 def misfit(what: str, count: int, grid: ViewIndex | None) -> UserError:

@@ -19,7 +19,7 @@ from lfpipe.scene.files import stem_of
 from lfpipe.scene.layouts._candidates import Candidate, ranked
 from lfpipe.scene.source import ViewIndex
 
-_SIGNED = r"(?<=[^0-9A-Za-z])[+-][0-9]{1,18}"
+_SIGNED = r"(?<=[^0-9A-Za-z])[+-][0-9]{1,20}"
 _DECIMAL = r"(?:\.[0-9]{1,9})?(?![0-9]*\.[0-9])"
 MAPS = re.compile(
     r"depth|disp|mask|matte|alpha|label|seg|normal|flow(?!er)|conf(?!e)|thumb|error|diff"
@@ -125,10 +125,10 @@ def _value(text: str) -> int:
 
 
 _READINGS = {  # patterns of the numbers in names, the likeliest first
-    "signs after a separator": re.compile(rf"(?:{_SIGNED}|[0-9]{{1,18}}){_DECIMAL}"),
-    "signs anywhere": re.compile(rf"[+-]?[0-9]{{1,18}}{_DECIMAL}"),
-    "digits alone": re.compile(r"[0-9]{1,18}"),
-    "single letters": re.compile(r"[0-9]{1,18}|(?<![A-Za-z])[A-Za-z](?![A-Za-z])"),
+    "signs after a separator": re.compile(rf"(?:{_SIGNED}|[0-9]{{1,20}}){_DECIMAL}"),
+    "signs anywhere": re.compile(rf"[+-]?[0-9]{{1,20}}{_DECIMAL}"),
+    "digits alone": re.compile(r"[0-9]{1,20}"),
+    "single letters": re.compile(r"[0-9]{1,20}|(?<![A-Za-z])[A-Za-z](?![A-Za-z])"),
 }
 
 

@@ -8,6 +8,7 @@ result is marked ambiguous.
 from collections.abc import Callable, Sequence
 from functools import cache
 from itertools import combinations
+from typing import Any
 
 import attrs
 import cv2
@@ -18,10 +19,10 @@ from lfpipe.scene.layouts._candidates import Candidate, ranked
 from lfpipe.scene.source import ViewIndex
 
 _SIDE_PX = 96  # of the small pictures that are compared
-SHORTEST_CIRCLE = 8  # views of a walk around an object
 MAX_PICTURES = 64  # to decode
 # grid steps over which the difference saturates: short for wide baselines, long for narrow ones
 _REACHES = (1.5, 4.0, 12.0, 40.0)
+_PARAMETERS = 4  # of a grid: its columns, the reach, and a line through the differences
 _CLEAR = 0.02  # lead in correlation of a clear grid
 
 
@@ -33,7 +34,6 @@ class Running:
     cols: int
     snake: bool = False
     upwards: int = 0  # for a quilt: tiles in a row; its lowest row is the first
-    ring: bool = False  # a circle instead of a line: its ends are neighbours
     doubt: str = ""  # what stays ambiguous
     score: float = 0.0  # correlation with the similarity of the pictures, at most 1
 
@@ -50,6 +50,23 @@ class Running:
         return row, self.cols - 1 - col if self.snake and row % 2 else col
 
 
+def reduced(picture: NDArray[Any], most_px: float) -> NDArray[Any]:
+    """A picture whose longer side is at most that long."""
+    scale = min(1.0, most_px / max(picture.shape[:2]))
+    return np.asarray(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
+
+
+def normalised(picture: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """A small copy of a picture, of mean 0 and variance 1, to be compared."""
+    small = reduced(picture, _SIDE_PX).astype(np.float32)
+    return np.asarray((small - small.mean()) / max(1.0, float(small.std())), np.float32)
+
+
+def unlikeness(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:
+    """Difference between two normalised pictures; 2 for those of other shapes."""
+    return float(np.abs(a - b).mean()) if a.shape == b.shape else 2.0
+
+
 def _candidates(count: int, grid: ViewIndex | None) -> list[Running]:
     """Every grid that a run of `count` positions can fill; grid: the user's."""
     shapes = (
@@ -61,12 +78,7 @@ def _candidates(count: int, grid: ViewIndex | None) -> list[Running]:
     snakes = [
         Running(rows=rows, cols=cols, snake=True) for rows, cols in shapes if min(rows, cols) > 1
     ]
-    rings = (
-        [Running(rows=1, cols=count, ring=True)]
-        if grid is None and count >= SHORTEST_CIRCLE
-        else []
-    )
-    return [Running(rows=rows, cols=cols) for rows, cols in shapes] + snakes + rings
+    return [Running(rows=rows, cols=cols) for rows, cols in shapes] + snakes
 
 
 def _positions(present: Sequence[bool], tries: Sequence[Running]) -> list[int]:
@@ -117,28 +129,15 @@ def likeliest(
     read(position): a view, any size; present: whether there is a view, by position.
     """
 
-    @cache
-    def small(position: int) -> NDArray[np.float32]:
-        picture = np.asarray(read(position))
-        scale = _SIDE_PX / max(picture.shape)
-        out = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA).astype(
-            np.float32
-        )
-        return np.asarray((out - out.mean()) / max(1.0, float(out.std())), np.float32)
-
+    small = cache(lambda position: normalised(read(position)))
     pairs = np.array(list(combinations(_positions(present, tries), 2)))
-    unlike = np.array(
-        [
-            np.abs(small(a) - small(b)).mean() if small(a).shape == small(b).shape else 2.0
-            for a, b in pairs
-        ]
-    )
+    unlike = np.array([unlikeness(small(a), small(b)) for a, b in pairs])
     # among equals, the squarest grid, row by row
     order = ranked(
         f"how {len(present)} views in order fill a grid",
         [
             Candidate(
-                what=f"{run.rows}x{run.cols}{', a snake' * run.snake}{', a circle' * run.ring}"
+                what=f"{run.rows}x{run.cols}{', a snake' * run.snake}"
                 f"{', upwards' * (run.upwards > 0)}",
                 score=round(_explained(run, pairs, unlike), 4),
                 value=run,
@@ -161,8 +160,8 @@ def find_columns(
 ) -> Running | None:
     """The grid of a run of views, by the pictures; None if the user's grid fits no part of it."""
     tries = _candidates(len(present), grid)
-    if len(tries) < 2:
-        return tries[0] if tries else None
+    if not tries:
+        return None
     likely = likeliest(read, present, tries)
     if likely.clear:
         return attrs.evolve(likely.run, score=likely.score)
@@ -223,15 +222,18 @@ def lay_out(
 
 
 def _explained(run: Running, pairs: NDArray[np.int64], unlike: NDArray[np.float64]) -> float:
-    """Correlation of the pictures' difference with distance in the grid."""
-    if len(pairs) < 3 or unlike.std() <= 1e-9:
+    """Correlation of the pictures' difference with distance in the grid; -1 if they are not less
+    alike along either side, or if there are too few pairs for a correlation.
+    """
+    if len(pairs) <= _PARAMETERS or unlike.std() <= 1e-9:
         return -1.0
     place = np.array([[run.index(a), run.index(b)] for a, b in pairs.tolist()], np.float64)
     rows, cols = np.abs(place[:, 0] - place[:, 1]).T
-    if run.ring:  # straight through the circle
-        cols = run.cols / np.pi * np.sin(np.pi * cols / run.cols)
-    far = [1 - np.exp(-np.hypot(rows, cols) / reach) for reach in _REACHES]
-    return max(
-        (float(np.corrcoef(distance, unlike)[0, 1]) for distance in far if distance.std() > 1e-9),
-        default=-1.0,
-    )
+    best = -1.0
+    for reach in _REACHES:
+        far = [1 - np.exp(-away / reach) for away in (rows, cols, np.hypot(rows, cols))]
+        sides = [side for side in far[:2] if side.std() > 1e-9]
+        growth = np.linalg.lstsq(np.stack([np.ones_like(unlike), *sides], 1), unlike, rcond=None)[0]
+        if sides and growth[1:].min() > 0:
+            best = max(best, float(np.corrcoef(far[2], unlike)[0, 1]))
+    return best

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import read_picture
-from lfpipe.scene.files import Listing, stem_of
+from lfpipe.scene.files import VIDEOS, Listing, stem_of
 from lfpipe.scene.layouts._candidates import Candidate, ranked
 from lfpipe.scene.layouts._grid import LOSSY, MIN_VIEW_PX, parse_grid
-from lfpipe.scene.layouts._running import Running, likeliest
+from lfpipe.scene.layouts._running import Running, likeliest, reduced
 
 # Sizes and tiles (columns, rows) of displays whose tiles do not divide the picture: the remainder
 # is at the right and the bottom.
@@ -35,17 +35,13 @@ MAX_TILES = 64  # along one side
 _GLANCE_PX = 1024  # longer side of the reduced picture in which tiles are detected
 # limits of `_unlike` for neighbouring tiles; above the last, there are no tiles
 _TWO_AXES, _ONE_AXIS, _PLAIN = 0.5, 0.2, 0.8
+_SEAM = 0.1  # share of a tile's lines that may change more than its borders
+_ALIKE = 0.03  # differences by which tiles are as much alike as tiles of tiles
 # grey levels from the colour of lines (JPEG blurs them), and share of a line
 _LINE_LEVELS = (4, 16, 48)
 _LINE_SHARE = 0.98
 _LINE_SAMPLES = 64  # along a line
 _SOFT_PX = 2  # variation in size of lines and tiles if lines have soft edges
-
-
-def reduced(picture: NDArray[Any], most_px: int) -> NDArray[Any]:
-    """A picture whose longer side is at most that long."""
-    scale = min(1.0, most_px / max(picture.shape[:2]))
-    return np.asarray(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
 
 
 def plane_of(picture: NDArray[Any]) -> NDArray[np.uint8]:
@@ -123,12 +119,34 @@ def _unlike(grey: NDArray[np.float32], axis: int) -> dict[int, float]:
     }
 
 
-def _period(unlike: dict[int, float], full_px: int) -> tuple[int, float]:
-    """The number of tiles with the most similar neighbours, and their difference; (1, 1.0) if no
-    number divides the side.
+def _seams(grey: NDArray[np.float32], axis: int, count: int) -> bool:
+    """Whether the picture changes more at the borders of so many tiles than nearly everywhere else
+    in them. A wall of windows repeats itself, too, but not by a share of the picture.
     """
-    fits = {n: u for n, u in unlike.items() if full_px % n == 0 and full_px // n >= MIN_VIEW_PX}
+    lines = grey if axis == 0 else grey.T
+    change = cv2.dilate(np.abs(np.diff(lines, axis=0)).mean(axis=1)[None], np.ones((1, 3)))[0]
+    tile = len(lines) / count
+    away = np.arange(int(tile))
+    borders = np.rint(tile * np.arange(1, count)).astype(int) - 1
+    phases = change[np.minimum(borders[:, None] + away - len(away) // 2, len(change) - 1)].mean(
+        axis=0
+    )
+    return bool((phases > phases[len(away) // 2]).mean() < _SEAM)
+
+
+def _period(grey: NDArray[np.float32], axis: int, full_px: int) -> tuple[int, float]:
+    """The number of tiles with the most similar neighbours along an axis, and their difference;
+    (1, 1.0) if there is none. A number that does not divide the side must have seams; tiles of
+    tiles are no tiles.
+    """
+    fits = {
+        n: u
+        for n, u in _unlike(grey, axis).items()
+        if full_px // n >= MIN_VIEW_PX
+        and (full_px % n == 0 or (u < _TWO_AXES and _seams(grey, axis, n)))
+    }
     best = min(fits, key=lambda n: fits[n], default=1)
+    best = max((n for n in fits if n % best == 0 and fits[n] < fits[best] + _ALIKE), default=best)
     return best, fits.get(best, 1.0)
 
 
@@ -220,7 +238,7 @@ def _candidates(picture: NDArray[Any], name: str) -> Iterator[Candidate[Tiling]]
         unlike = max(down.get(rows, 0), across.get(cols, 0))
         if rows * cols > 1 and not (height % rows or width % cols) and unlike < _PLAIN:
             yield _candidate("the name", Tiling.even(picture, rows, cols), 2, unlike)
-    (rows, row_unlike), (cols, col_unlike) = _period(down, height), _period(across, width)
+    (rows, row_unlike), (cols, col_unlike) = _period(plane, 0, height), _period(plane, 1, width)
     unlike = max(row_unlike, col_unlike)
     grid = Tiling.even(picture, rows, cols)
     strip = None
@@ -295,6 +313,11 @@ def halves(picture: NDArray[Any], above: bool) -> tuple[NDArray[Any], NDArray[An
     if above:
         return picture[:height], picture[height : 2 * height]
     return picture[:, :width], picture[:, width : 2 * width]
+
+
+def is_film(listing: Listing) -> bool:
+    """Whether the scene is a video file."""
+    return listing.is_file and listing.names[0].lower().endswith(VIDEOS)
 
 
 @lru_cache(maxsize=8)

@@ -129,7 +129,9 @@ def _pair(listing: Listing) -> tuple[str, str] | None:
 
 
 def _frames(listing: Listing) -> list[str]:
-    """The pictures of a recording by a depth camera (rgb_0001, depth_0001)."""
+    """The pictures of a recording by a depth camera (rgb_0001, depth_0001; rgb/, depth/)."""
+    if folders := depth_folders(listing):
+        return list_scene(listing.file(folders[0])).pictures()
     return [name for name in listing.pictures() if _FRAME.fullmatch(Path(name).stem.lower())]
 
 
@@ -158,7 +160,7 @@ def _recorded(listing: Listing) -> tuple[str, str] | None:
 
 def _number(name: str) -> float:
     """The last number in a name; 0 if there is none."""
-    return float(["0", *re.findall(r"\d{1,18}(?:\.\d{1,9})?", Path(name).stem)][-1])
+    return float(["0", *re.findall(r"\d{1,20}(?:\.\d{1,9})?", Path(name).stem)][-1])
 
 
 def _by_content(listing: Listing, names: list[str]) -> tuple[str, str] | None:

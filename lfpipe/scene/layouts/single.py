@@ -29,25 +29,22 @@ from lfpipe.scene.layouts._grid import (
     named_views,
     parse_grid,
 )
-from lfpipe.scene.layouts._running import lay_out
+from lfpipe.scene.layouts._running import lay_out, reduced
 from lfpipe.scene.layouts._tiles import (
     QUILT_NAME,
-    Tiling,
     find_tiles,
-    halves,
+    is_film,
     last_picture,
     likeness,
     plane_of,
-    reduced,
     require_picture,
     single_picture,
     tiling,
 )
-from lfpipe.scene.layouts.stereo import are_a_pair
 from lfpipe.scene.optical_flow import returned_flow, textured
 from lfpipe.scene.plausibility import measure_views
 from lfpipe.scene.source import GridTransform, Layout, SceneSource
-from lfpipe.scene.video import USUAL_RATE_HZ, Video
+from lfpipe.scene.video import USUAL_RATE_HZ, Video, second_stream, telling_frame
 
 # longer side of the examined copy; px of detail that red and green must have in common
 _GLANCE_PX, _FEWEST_PX = 512, 300
@@ -56,6 +53,7 @@ _ASIDE_PX, _NAMED_ASIDE_PX = 1.5, 0.5
 _DOWN_SHARE = 0.15  # of the motion across: both eyes are at one height
 _ANAGLYPH = re.compile(r"anaglyph|(?<![a-z])(red|rot|rouge|rosso)[-_ ]?(cyan|blue|blau|bleu|blu)")
 _SMALL_PX = 128  # side of frames to compare
+_PLAIN_LEVELS = 2.0  # spread of a frame below which it shows nothing, as the noise of a dark one
 _STILLS = ("JPEG", "TIFF", "HEIF")  # several pictures in one such file are no animation
 
 
@@ -99,10 +97,6 @@ def _describe_picture(listing: Listing, scene: config.Scene) -> SceneSource:
     )
 
 
-def _is_video(listing: Listing) -> bool:
-    return listing.is_file and listing.names[0].lower().endswith(VIDEOS)
-
-
 @lru_cache(maxsize=2)
 def _animation(listing: Listing) -> Path | None:
     path = single_picture(listing)
@@ -129,6 +123,11 @@ def _one_way(frames: list[NDArray[Any]]) -> list[NDArray[Any]]:
     return frames
 
 
+def _showing(frames: list[NDArray[Any]]) -> list[NDArray[Any]]:
+    """The frames that show something, or all if none does: others are no views."""
+    return [frame for frame in frames if float(plane_of(frame).std()) >= _PLAIN_LEVELS] or frames
+
+
 def _frames(path: Path) -> list[NDArray[Any]]:
     """All frames of an animation or video. Raises UserError."""
     if not path.name.lower().endswith(VIDEOS):
@@ -145,13 +144,15 @@ def _frames(path: Path) -> list[NDArray[Any]]:
 
 
 def _describe_animation(listing: Listing, scene: config.Scene) -> SceneSource:
-    is_video = _is_video(listing)
+    is_video = is_film(listing)
     path = listing.file(listing.names[0]) if is_video else _animation(listing)
     path = path or require_picture(listing)
     frames = _frames(path)
     grid = parse_grid(scene.grid)
     given = grid is not None and math.prod(grid) == len(frames)
-    views = frames if given else _one_way(frames)
+    if is_video and grid is not None and not given:  # of the tiles in each frame
+        return _describe_tiles("mosaic-video", listing, scene)
+    views = frames if given else _one_way(_showing(frames))
     small = [plane_of(reduced(view, _SMALL_PX)) for view in views]
     run, places, again = lay_out(small.__getitem__, [True] * len(views), grid, range(len(views)))
     if run is None:
@@ -160,7 +161,8 @@ def _describe_animation(listing: Listing, scene: config.Scene) -> SceneSource:
     notes = [f"frame {late} is the same picture as frame {early}" for late, early in again.items()]
     if len(views) < len(frames):
         notes.append(
-            f"{len(views)} of {len(frames)} frames are used: the others repeat them in reverse"
+            f"{len(views)} of {len(frames)} frames are used: the others repeat them in reverse, or"
+            " show nothing"
         )
     if run.rows > 1:
         notes.append(described_run(run, grid))
@@ -183,7 +185,13 @@ def _describe_animation(listing: Listing, scene: config.Scene) -> SceneSource:
     measured = measure_views(source) if unsteady else None
     if unsteady and not (measured and measured.change):
         raise UserError(
-            f"{path}: no tiles were recognised in {width}x{height} px, and its frames form no grid",
+            "; ".join(
+                [
+                    f"{path}: no tiles were recognised in {width}x{height} px, and its frames form"
+                    " no grid",
+                    *second_stream(path),
+                ]
+            ),
             f"if the camera slid sideways, make views with `lfpipe scene make {path}`; else give"
             " the tiles with --set scene.grid=ROWSxCOLS, or open the frames as one line with --set"
             " scene.layout=gif",
@@ -192,7 +200,7 @@ def _describe_animation(listing: Listing, scene: config.Scene) -> SceneSource:
 
 
 def _detect_animation(listing: Listing) -> int | None:
-    if _is_video(listing):
+    if is_film(listing):
         return 50  # an animation of tiles is more specific
     return None if _animation(listing) is None else 90
 
@@ -209,10 +217,8 @@ def _detect_tiles(layout: str, listing: Listing) -> int | None:
 
 
 def _detect_mosaics(listing: Listing) -> int | None:
-    if _is_video(listing):
-        first = Video(listing.file(listing.names[0])).read(0)
-        tiles = _has_tiles(first, listing.path)
-        return 60 if tiles or are_a_pair(*halves(first, above=False)) else None
+    if is_film(listing):
+        return 60 if _has_tiles(telling_frame(listing.path)[1], listing.path) else None
     pictures = listing.pictures()
     if len(pictures) < 2 or ((named := named_views(listing)) is not None and not named.runs):
         return None  # names with row and column take precedence over picture content
@@ -252,26 +258,27 @@ def _mosaics(layout: str, listing: Listing) -> tuple[list[Path], tuple[str, ...]
 def _describe_tiles(layout: str, listing: Listing, scene: config.Scene) -> SceneSource:
     quilt = layout == "quilt"
     notes: tuple[str, ...] = ()
-    if _is_video(listing):
+    telling = 0
+    if is_film(listing):
         paths = [listing.file(listing.names[0])]
         video = Video(paths[0])
         load = last_picture(video.read)
         full = 255
         frames = video.frames
         rate_hz = video.rate_hz
+        telling = telling_frame(paths[0])[0]
+        notes = tuple(second_stream(paths[0]))
     else:
         paths, notes = _mosaics(layout, listing)
         load = last_picture(lambda frame: read_picture(paths[frame])[0])
         full = open_header(paths[0]).max_value
         frames = len(paths)
         rate_hz = USUAL_RATE_HZ if len(paths) > 1 else 0.0
-    cut = tiling(load(0), paths[0], scene, quilt)
-    if cut is None and are_a_pair(*halves(load(0), above=False)):
-        cut = Tiling.even(load(0), 1, 2)
+    cut = tiling(load(telling), paths[0], scene, quilt)
     if cut is None:
-        height, width = load(0).shape[:2]
+        height, width = load(telling).shape[:2]
         remedy = "give the tiles with --set scene.grid=ROWSxCOLS"
-        if _is_video(listing):
+        if is_film(listing):
             remedy += "; if the camera slid sideways, make views with `lfpipe scene make`"
         raise UserError(f"{paths[0]}: no tiles were recognised in {width}x{height} px", remedy)
     return SceneSource(
@@ -284,6 +291,7 @@ def _describe_tiles(layout: str, listing: Listing, scene: config.Scene) -> Scene
         read=lambda frame, row, col: cut.cut(load(frame), row, col),
         frames=frames,
         frame_rate_hz=rate_hz,
+        telling=telling,
         height_px=cut.height_px,
         width_px=cut.width_px,
         max_value=full,

@@ -1,12 +1,15 @@
-"""A stereo pair: two files (left and right, Middlebury's im2 and im6), or one picture of both (side
-by side, above one another, .jps, .mpo, a spatial photo in HEIC). Two views, left eye first.
+"""A stereo pair: two files (left and right, Middlebury's im2 and im6), one picture or video of both
+(side by side, above one another, .jps, .mpo, a spatial photo in HEIC), or a video of two streams.
+Two views, left eye first.
 
 What a JPEG says decides, whatever its ending: the index of its pictures (CIPA DC-007, usually
 .mpo), or a descriptor (VRex's format, usually .jps; without it, the right eye's half comes first).
 """
 
 import re
+from collections.abc import Callable
 from functools import lru_cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -18,27 +21,41 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header, read_frames, read_picture
-from lfpipe.scene.files import Listing
+from lfpipe.scene.files import VIDEOS, Listing
 from lfpipe.scene.layouts._grid import MIN_VIEW_PX, files_source, some
 from lfpipe.scene.layouts._names import MAPS, read_names, side_of
-from lfpipe.scene.layouts._tiles import halves, plane_of, reduced, require_picture, single_picture
+from lfpipe.scene.layouts._running import reduced
+from lfpipe.scene.layouts._tiles import (
+    halves,
+    is_film,
+    last_picture,
+    plane_of,
+    require_picture,
+    single_picture,
+)
 from lfpipe.scene.optical_flow import returned_flow, textured
 from lfpipe.scene.source import GridTransform, SceneSource
+from lfpipe.scene.video import Video, second_stream, stream_count, telling_frame
 
 NAME = "stereo"
 # Middlebury's pairs, the left one first
 _NUMBERED = {"im2": "im6", "im0": "im1", "view1": "view5", "img_left": "img_right"}
 # folders of two cameras that recorded side by side
 _CAMERAS = re.compile(r"(image|img|cam|camera|eye|sensor)s?[-_ ]?\d{1,2}(/.*)?")
+# of names in lower case, with spaces for "_"
+_FULL_OR_HALF = r"(?<![a-z])((h|half|f|full)?[-. ]?"
 _BESIDE = re.compile(
-    r"(?<![a-z])(h?sbs|half[-_ ]?sbs|side[-_ ]?by[-_ ]?side|parallel|lr"
-    r"|(left|right)[-_ ]?(right|left))(?![a-z])"
+    _FULL_OR_HALF + r"(sbs|side[- ]?by[- ]?side)|parallel|lr|rl|3dh|cross[- ]?eyed?|xeyed?"
+    r"|(left|right)[- ]?(right|left))(?![a-z])"
 )
-_CROSSED = re.compile(r"cross[-_ ]?ey|(?<![a-z])(xeye|rl|right[-_ ]?left)(?![a-z])")
+_CROSSED = re.compile(
+    r"cross[- ]?ey|(?<![a-z])(xeyed?|rl|right[- ]?left|h?bt|bottom[- ]?(and[- ]?)?top)(?![a-z])"
+)
 _ABOVE = re.compile(
-    r"(?<![a-z])(h?ou|h?tab|h?tb|over[-_ ]?(and[-_ ]?)?under|top[-_ ]?(and[-_ ]?)?bottom)(?![a-z])"
+    _FULL_OR_HALF + r"(ou|tab|tb|bt|over[- ]?(and[- ]?)?under"
+    r"|(top|bottom)[- ]?(and[- ]?)?(top|bottom))|3dv)(?![a-z])"
 )
-_HALF = re.compile(r"(?<![a-z])(h|half[-_ ]?)(sbs|ou|tb|width|over|top|side)")
+_HALF = re.compile(r"(?<![a-z])(h|half)[-. ]?(sbs|ou|tb|tab|bt|width|over|top|bottom|side)")
 _VIDEO_ASPECTS = (1.7, 1.85)  # a picture of this shape contains halves squeezed to half their width
 _GLANCE_PX = 384  # longer side of the compared halves
 _AGREED = 0.5  # minimum share of the detail of two halves that flow matches
@@ -58,6 +75,7 @@ class _Halves:
     crossed: bool  # the right eye's picture comes first
     why: str  # what states that, "" for nothing
     mark: int  # as `detect` returns it
+    streams: bool = False  # not in one picture: in two video streams
 
 
 def _pairs(listing: Listing) -> list[tuple[str, str]]:
@@ -117,6 +135,8 @@ def _differ_sideways(a: Path, b: Path) -> bool:
 
 def _alone(listing: Listing) -> Path | None:
     """The only file of the scene that may contain both pictures."""
+    if is_film(listing):
+        return listing.file(listing.names[0])
     names = [name for name in listing.pictures() if name.lower().endswith((".jps", ".mpo"))]
     return listing.file(names[0]) if len(names) == 1 else single_picture(listing)
 
@@ -132,19 +152,30 @@ def are_a_pair(a: NDArray[Any], b: NDArray[Any]) -> bool:
     return bool(detail.any()) and float(agreed[detail].mean()) > _AGREED
 
 
+def _looks(path: Path) -> list[NDArray[Any]]:
+    """The picture at path; of a video, a frame that shows something, and of its second stream."""
+    if not path.name.lower().endswith(VIDEOS):
+        return [read_picture(path)[0]]
+    number, picture = telling_frame(path)
+    both = stream_count(path) > 1 and find_spec("av")
+    return [picture, Video(path, 1).read(number)] if both else [picture]
+
+
 @lru_cache(maxsize=2)
 def _arrangement(path: Path) -> _Halves | None:
     """The arrangement of the picture at path; None if it does not contain two views."""
-    header = open_header(path)
-    if header.jps is not None:
-        return _described(path, header.jps)
+    film = path.name.lower().endswith(VIDEOS)
+    if not film and (descriptor := open_header(path).jps) is not None:
+        return _described(path, descriptor)
     name = path.stem.lower().replace("_", " ")
     crossed = bool(_CROSSED.search(name))
     squeezed = bool(_HALF.search(name))
     why = "by name or format, the right eye's picture comes first"
     if path.suffix.lower() == ".jps":
         return _Halves(above=False, squeezed=squeezed, crossed=True, why=why, mark=95)
-    picture, _ = read_picture(path)
+    picture, *second = _looks(path)
+    if second and second[0].shape == picture.shape and are_a_pair(picture, second[0]):
+        return _Halves(above=False, squeezed=False, crossed=False, why="", mark=55, streams=True)
     aspect = picture.shape[1] / picture.shape[0]
     video = _VIDEO_ASPECTS[0] < aspect < _VIDEO_ASPECTS[1]
     for above, word, likely in (
@@ -189,6 +220,37 @@ def _described(path: Path, descriptor: int) -> _Halves | None:
     )
 
 
+def _eyes(picture: NDArray[Any], arrangement: _Halves) -> list[NDArray[Any]]:
+    """The two views of a picture."""
+    views = [np.ascontiguousarray(view) for view in halves(picture, arrangement.above)]
+    if not arrangement.squeezed:
+        return views
+    x, y = (1, 2) if arrangement.above else (2, 1)
+    return [
+        np.asarray(cv2.resize(view, None, fx=x, fy=y, interpolation=cv2.INTER_LINEAR))
+        for view in views
+    ]
+
+
+def _filmed(
+    path: Path, arrangement: _Halves
+) -> tuple[Callable[[int], NDArray[Any]], dict[str, Any]]:
+    """(both views by frame, fields of SceneSource) of a video. Raises UserError."""
+    video = Video(path)
+    both = [video, Video(path, 1)] if arrangement.streams else [video]
+
+    def load(frame: int) -> NDArray[Any]:
+        pictures = [one.read(frame) for one in both]
+        return np.stack(pictures if arrangement.streams else _eyes(pictures[0], arrangement))
+
+    return last_picture(load), {
+        "frames": min(one.frames for one in both),
+        "frame_rate_hz": video.rate_hz,
+        "telling": telling_frame(path)[0],
+        "notes": () if arrangement.streams else tuple(second_stream(path)),
+    }
+
+
 def detect(listing: Listing) -> int | None:
     if pairs := _pairs(listing):
         paired = {name for pair in pairs for name in pair}
@@ -201,10 +263,12 @@ def detect(listing: Listing) -> int | None:
     path = _alone(listing)
     if path is None:
         return None
-    header = open_header(path)
-    if header.holds_pair or (header.eyes and path.suffix.lower() == ".mpo"):
+    header = None if is_film(listing) else open_header(path)
+    if header is not None and (
+        header.holds_pair or (header.eyes and path.suffix.lower() == ".mpo")
+    ):
         return 95
-    if header.eyes:
+    if header is not None and header.eyes:
         return 95 if are_a_pair(*read_frames(path, header.eyes)) else None
     arrangement = _arrangement(path)
     return None if arrangement is None else arrangement.mark
@@ -228,30 +292,30 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
             notes=notes,
         )
     path = _alone(listing) or require_picture(listing)
-    header = open_header(path)
     full = 255
     crossed = False
-    if header.eyes:
+    more: dict[str, Any] = {}
+    film = is_film(listing)
+    header = None if film else open_header(path)
+    if header is not None and header.eyes:
         views: list[NDArray[Any]] = list(read_frames(path, header.eyes))
         stated = header.eyes_sure or path.suffix.lower() == ".mpo"
         why = "the file defines which picture is the left eye's" * stated
     elif arrangement := _arrangement(path):
-        picture, full = read_picture(path)
-        views = [np.ascontiguousarray(view) for view in halves(picture, arrangement.above)]
+        if film:
+            load, more = _filmed(path, arrangement)
+            views = list(load(more["telling"]))
+        else:
+            picture, full = read_picture(path)
+            views = _eyes(picture, arrangement)
+        why = arrangement.why
+        crossed = arrangement.crossed
         if min(views[0].shape[:2]) < MIN_VIEW_PX:
             height, width = views[0].shape[:2]
             raise UserError(
                 f"{path}: two views of {width}x{height} px are too small to show anything",
                 "export it in its full size",
             )
-        if arrangement.squeezed:
-            x, y = (1, 2) if arrangement.above else (2, 1)
-            views = [
-                np.asarray(cv2.resize(view, None, fx=x, fy=y, interpolation=cv2.INTER_LINEAR))
-                for view in views
-            ]
-        why = arrangement.why
-        crossed = arrangement.crossed
     else:
         raise UserError(
             f"{path}: its halves are not a stereo pair, neither side by side nor one above the"
@@ -265,10 +329,11 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         files=(path,),
         rows=1,
         cols=len(views),
-        read=lambda frame, row, col: views[col],
+        read=lambda frame, row, col: load(frame)[col] if film else views[col],
         height_px=views[0].shape[0],
         width_px=views[0].shape[1],
         max_value=full,
         turn=GridTransform(cols=crossed) if why else None,
         turn_by=why,
+        **more,
     )
