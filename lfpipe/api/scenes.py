@@ -118,18 +118,43 @@ def scene_path(
 
 @typed
 def render_view(
-    field: LightField, row: float, col: float, *, method: str = "auto", frame: int = 0
+    field: LightField,
+    row: float,
+    col: float,
+    *,
+    method: str = "auto",
+    frame: int = 0,
+    order: str = "bgr",
 ) -> NDArray[np.uint8]:
-    """The view of a camera at (row, col) of the grid, fractions allowed: uint8 (height, width, 3)
-    BGR.
+    """The view of a camera on the grid.
 
-    (0, 0) is the top left camera. method: auto, nearest, blend, warp or warp2. frame: of a
-    light-field video. Positions outside the grid are extrapolated by up to
-    `render.extrapolate_views`. Raises lfpipe.UserError.
+    Parameters
+    ----------
+    field : LightField
+    row, col : float
+        (0, 0) is the top left camera; fractions lie between views. Positions outside the grid are
+        extrapolated by up to `render.extrapolate_views`.
+    method : str
+        auto, nearest, blend, warp or warp2.
+    frame : int
+        Of a light-field video.
+    order : str
+        Of the channels: "bgr", as OpenCV has them, or "rgb", as Matplotlib and Pillow have them.
+
+    Returns
+    -------
+    ndarray of uint8, (height, width, 3)
+
+    Raises
+    ------
+    UserError
+        For a position, a frame or a value that does not exist.
+    TypeError
+        For an argument of another type.
     """
     config = updated(Config(), {"render.method": method})
     _check(field, (row, col), config.render.extrapolate_views, frame)
-    return ViewRenderer(field, method).render(row, col, frame)
+    return _ordered(ViewRenderer(field, method).render(row, col, frame), order)
 
 
 @typed
@@ -141,17 +166,46 @@ def render_anaglyph(
     mode: str = "dubois",
     frame: int = 0,
     settings: Mapping[str, Any] | None = None,
+    order: str = "bgr",
 ) -> NDArray[np.uint8]:
-    """The picture for two eyes at the grid positions left and right, (row, col) each: uint8
-    (height, width, 3) BGR.
+    """The picture for two eyes.
 
-    mode: as `render.anaglyph`, including side-by-side. settings: of `render`, for example
-    {"render.zero_plane_px": 0.5}. Raises lfpipe.UserError.
+    Parameters
+    ----------
+    field : LightField
+    left, right : tuple of float
+        (row, col) of the eyes on the grid.
+    mode : str
+        As `render.anaglyph`, including side-by-side.
+    frame : int
+        Of a light-field video.
+    settings : mapping, optional
+        Of `render`, for example {"render.zero_plane_px": 0.5}.
+    order : str
+        Of the channels: "bgr" or "rgb".
+
+    Returns
+    -------
+    ndarray of uint8, (height, width, 3)
+
+    Raises
+    ------
+    UserError
+        For a position, a frame or a value that does not exist.
+    TypeError
+        For an argument of another type.
     """
     render = updated(Config(), {"render.anaglyph": mode, **(settings or {})}).render
     for place in (left, right):
         _check(field, place, render.extrapolate_views, frame)
-    return Compositor(field, render).compose(left, right, frame).copy()
+    return _ordered(Compositor(field, render).compose(left, right, frame).copy(), order)
+
+
+def _ordered(picture: NDArray[np.uint8], order: str) -> NDArray[np.uint8]:
+    """A BGR picture with its channels in an order. Raises UserError."""
+    if order not in ("bgr", "rgb"):
+        raise UserError(f"order {order!r}: not an order of channels", 'use "bgr" or "rgb"')
+    return picture if order == "bgr" else np.ascontiguousarray(picture[..., ::-1])
 
 
 def _check(field: LightField, place: tuple[float, float], beyond: float, frame: int) -> None:

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Self
 
 import attrs
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -222,6 +223,13 @@ class LightField:
             f"<LightField {self.name!r}: {frames}{self.rows}x{self.cols} views of"
             f" {self.width_px}x{self.height_px}, method {self.method}>"
         )
+
+    def _repr_png_(self) -> bytes:
+        """The middle view, which a notebook shows for the light field."""
+        planes = np.asarray(self.views[0, self.rows // 2, self.cols // 2])
+        rgb = np.repeat(planes, 3, axis=0) if len(planes) == 1 else planes
+        _, data = cv2.imencode(".png", np.ascontiguousarray(rgb[::-1].transpose(1, 2, 0)))
+        return data.tobytes()
 
     def close(self) -> None:
         """Lets `lfpipe scene clean` remove the pack. Memory maps live as long as their arrays."""

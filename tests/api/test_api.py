@@ -175,3 +175,15 @@ def test_tracker_finds_the_eyes_that_the_stage_finds(clip: Path) -> None:
         )
         assert tracker.update(np.zeros_like(frame), 10**9) is None
     stage.engine.close()
+
+
+def test_a_notebook_shows_the_middle_view_and_takes_rgb(scene: Path, tmp_path: Path) -> None:
+    settings = {"scene.cache_dir": str(tmp_path / "cache")}
+    field = lfpipe.open_scene(scene, settings)
+    shown = cv2.imdecode(np.frombuffer(field._repr_png_(), np.uint8), cv2.IMREAD_COLOR)
+    middle = lfpipe.render_view(field, field.rows // 2, field.cols // 2)
+    np.testing.assert_array_equal(shown, middle)
+    rgb = lfpipe.render_view(field, field.rows // 2, field.cols // 2, order="rgb")
+    np.testing.assert_array_equal(rgb[..., ::-1], middle)
+    with pytest.raises(lfpipe.UserError, match="gbr"):
+        lfpipe.render_anaglyph(field, (1, 0), (1, 1), order="gbr")
