@@ -34,15 +34,12 @@ _SMALLEST_PX = 48  # side of views: the flow needs a few patches
 _LOOSE_PX, _LOOSE_SHARE = 1.0, 0.2  # tolerance of the flow
 _STILL_PX = 1.0  # smaller motion counts as none
 _OFF_PX = 0.5  # deviation from a common motion above which pixels are near and count less
-# ratio of sharpness of two pictures, of neighbours in light fields at most 2; share of the detail
-# that is sharper in either
-_SHARPER, _EITHER = 2.5, 0.15
+_SHARPER = 2.5  # ratio of sharpness of two pictures, of neighbours in light fields at most 2.1
 _ROUND = 1.3  # ratio of residual motion in the two directions: below it, there is no direction
 _REACH, _FEWEST_POINTS = 8, 100  # views from the middle; pixels to fit motion to
-# views; pixels that move between them; share of these seen half-way round
-_SHORTEST_CIRCLE, _FEWEST_PX, _STAYS = 8, 200, 0.5
+# views; share of the pixels that move between two of them seen half-way round
+_SHORTEST_CIRCLE, _STAYS = 8, 0.5
 _CLOSING = 2.0  # step from the last view to the first over the median step
-_ROUNDNESS = 0.3  # shortest over longest radius of a circle
 # minimum correlation of a matched block, and its lead over the second-best position
 _FOUND, _LEADS = 0.75, 0.08
 _FEWEST_BLOCKS, _MISSED = 6, 0.4  # matched blocks; share of them that the flow misses
@@ -242,8 +239,8 @@ def _triple(before: Grey, middle: Grey, after: Grey) -> Measurements:
 
 
 def _focus_differs(a: Grey, b: Grey, parallax_px: float) -> bool:
-    """Whether two pictures differ in focus: parts of either are much sharper, or of one although
-    nothing moves. Parallax beyond a block hides that.
+    """Whether two pictures differ in focus: what is in both is much sharper in one. Parallax beyond
+    a block hides that.
     """
     side = max(8, min(a.shape) // 8)
     if parallax_px > side:
@@ -259,11 +256,7 @@ def _focus_differs(a: Grey, b: Grey, parallax_px: float) -> bool:
     if np.count_nonzero(use) < _FEWEST_POINTS:
         return False
     ratio = np.log2((sharp[use] + 5) / (other[use] + 5))
-    either = min(float((ratio > 1).mean()), float((ratio < -1).mean()))
-    return bool(
-        np.median(np.abs(ratio)) > np.log2(_SHARPER)
-        and (parallax_px < _STILL_PX or either > _EITHER)
-    )
+    return bool(np.median(np.abs(ratio)) > np.log2(_SHARPER))
 
 
 def _is_circle(line: list[Grey]) -> str:
@@ -277,7 +270,7 @@ def _is_circle(line: list[Grey]) -> str:
     ahead = flow(first, second)[detail]
     step_px = np.hypot(*ahead.T)
     moving = step_px > _LOOSE_PX
-    if np.count_nonzero(moving) >= _FEWEST_PX:
+    if np.count_nonzero(moving) >= _FEWEST_POINTS:
         off = np.hypot(*(back + ahead)[moving].T)
         comes = float((off < _LOOSE_PX + _LOOSE_SHARE * step_px[moving]).mean())
         stays = float(returned_flow(first, middle)[1][detail][moving].mean())
@@ -302,21 +295,19 @@ def _goes_round(line: list[Grey]) -> bool:
         seen &= confirmed[y, x]
         at = at + ahead[y, x]
         tracks.append((at - start).T)
-    if np.count_nonzero(seen) < _FEWEST_PX:
+    if np.count_nonzero(seen) < _FEWEST_POINTS:
         return False
     motion = np.stack(tracks)[..., seen].reshape(2 * len(tracks), -1)
     path = np.linalg.svd(motion, full_matrices=False)[0][:, 0].reshape(-1, 2)
     path = np.concatenate([np.zeros((1, 2)), path])
     steps = np.hypot(*np.diff(path, axis=0).T)
     away = path - (path.min(axis=0) + path.max(axis=0)) / 2
-    distance = np.hypot(*away.T)
     angle = np.arctan2(away[:, 1], away[:, 0])
     turns = (np.diff(np.append(angle, angle[0])) + np.pi) % (2 * np.pi) - np.pi
     return bool(
         np.hypot(*path[-1]) < _CLOSING * np.median(steps)
         and abs(float(turns.sum())) > np.pi
         and np.mean(np.sign(turns) == np.sign(turns.sum())) > 0.9
-        and distance.min() > _ROUNDNESS * distance.max()
     )
 
 

@@ -118,7 +118,7 @@ NO_LIGHT_FIELDS = {
     )[None],
     **{
         f"refocused pair, {a} and {b}": made.refocused(np.array([a, b]))
-        for a, b in ((-2.0, 0.0), (0.0, 1.0), (-1.5, 2.0))
+        for a, b in ((-2.0, 0.0), (0.0, 1.0), (-1.5, 2.0), (-1.5, 0.5))
     },
     **{
         f"two people before one skyline, {shift} px": np.stack(
