@@ -48,8 +48,8 @@ log = logging.getLogger(__name__)
 def metrics_of(state: Sample) -> dict[str, Any]:
     """The state for the page, without the options, which are not for every viewer.
 
-    Adds `depth_px`: smallest and largest zero plane to offer, and step; `playlist`: names of
-    scenes; `playlist_at`.
+    Adds `scene`: its name; `depth_inverted`; `depth_px`: smallest and largest zero plane to offer,
+    and step; `playlist`: names of scenes; `playlist_at`.
     """
     metrics = state.metrics
     shown = metrics.to_dict()
@@ -63,6 +63,8 @@ def metrics_of(state: Sample) -> dict[str, Any]:
     shown |= {"config": converter().unstructure(settings.config), "paused": settings.paused}
     if (scene := settings.options.scene) is not None:
         shown |= {
+            "scene": scene.name,
+            "depth_inverted": scene.depth_inverted,
             "playlist": [Path(path).name for path in settings.options.playlist],
             "playlist_at": settings.options.playlist_at,
             "depth_px": zero_planes_px(scene.disparity_min_px, scene.disparity_max_px),

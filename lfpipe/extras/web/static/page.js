@@ -79,25 +79,41 @@ async function set(key, value) {
   busy = false;
 }
 
+const GLASSES = {
+  dubois: "red/cyan glasses", colour: "red/cyan glasses, full colours", "half-colour": "red/cyan glasses, half the colours",
+  grey: "red/cyan glasses, grey", wimmer: "red/cyan glasses, muted reds", "dubois-green-magenta": "green/magenta glasses",
+  "dubois-amber-blue": "amber/blue glasses", mono: "no glasses", "side-by-side": "a 3D television, side by side",
+  "row-interleaved": "a 3D screen, row by row",
+};
+$("anaglyph").replaceChildren(...Object.entries(GLASSES).map(([value, text]) => new Option(text, value)));
+
+function showScenes(sample) {
+  const scenes = sample.playlist || [], at = sample.playlist_at;
+  for (const place of document.querySelectorAll("[data-scene]")) place.textContent = sample.scene || "";
+  $("scenes").hidden = $("steps").hidden = scenes.length < 2;
+  $("number").textContent = scenes.length < 2 ? "" : `${at + 1} of ${scenes.length}`;
+  if ($("scene").options.length !== scenes.length) $("scene").replaceChildren(...scenes.map((name) => new Option(name)));
+  if (free("scene")) $("scene").selectedIndex = at;
+}
+
 function show(sample) {
   const render = sample.config && sample.config.render;
   if (!render) return;
+  $("glasses").textContent = GLASSES[render.anaglyph];
   for (const key of ["anaglyph", "method"]) if (free(key)) $(key).value = render[key];
+  if (free("depth")) $("depth").value = render.depth;
   if (sample.depth_px && free("zero")) [$("zero").min, $("zero").max, $("zero").step] = [sample.depth_px[0], sample.depth_px[1], sample.depth_px[2] / 5];
   if (free("zero") && typeof render.zero_plane_px === "string") $("zero_out").textContent = render.zero_plane_px;
   else if (free("zero")) { $("zero").value = render.zero_plane_px; $("zero_out").textContent = `${render.zero_plane_px.toFixed(2)} px/view`; }
   if (free("ghost")) { $("ghost").value = render.ghost_compensation; $("ghost_out").textContent = `${render.ghost_compensation.toFixed(0)} %`; }
-  const scenes = sample.playlist || [];
-  $("scenes").hidden = scenes.length < 2;
-  if ($("scene").options.length !== scenes.length) $("scene").replaceChildren(...scenes.map((name) => new Option(name)));
-  if (free("scene")) $("scene").selectedIndex = sample.playlist_at;
+  showScenes(sample);
   const auto = typeof render.alpha_px === "string";
   if (free("alpha")) {
     $("alpha_auto").checked = auto;
     if (!auto) $("alpha").value = Math.log10(render.alpha_px);
     $("alpha_out").textContent = auto ? render.alpha_px : `${render.alpha_px.toFixed(1)} px/view`;
   }
-  $("pause").textContent = sample.paused ? "resume" : "pause";
+  $("pause").textContent = sample.paused ? "Resume" : "Pause";
 }
 
 const alphaOf = (slider) => Math.round(10 * 10 ** Number(slider)) / 10; // the slider is logarithmic: 1 to 1000 px
@@ -115,21 +131,36 @@ $("alpha_auto").addEventListener("change", () => {
   set("render.alpha_px", $("alpha_auto").checked ? "auto" : alphaOf($("alpha").value));
 });
 for (const word of ["recentre", "reset"]) $(word).addEventListener("click", () => command({ cmd: word }));
-$("pause").addEventListener("click", () => command({ cmd: $("pause").textContent }));
+$("pause").addEventListener("click", () => command({ cmd: $("pause").textContent.toLowerCase() }));
+$("depth").addEventListener("input", () => { hold("depth"); set("render.alpha_px", "auto"); set("render.depth", Number($("depth").value)); });
+$("swap").addEventListener("click", () => set("render.swap_eyes", !page.last.config.render.swap_eyes));
+$("near").addEventListener("click", () => set("scene.invert_depth", page.last.depth_inverted ? "no" : "yes"));
+const step = (by) => command({ cmd: "load", at: (page.last.playlist_at + by + page.last.playlist.length) % page.last.playlist.length });
+$("previous").addEventListener("click", () => step(-1));
+$("next").addEventListener("click", () => step(1));
+$("full").addEventListener("click", () => document.querySelector(".screen").requestFullscreen());
+$("numbers").addEventListener("toggle", fit);
 
 function draw(event) {
   const sample = JSON.parse(event.data);
   page.events += 1;
   page.last = sample;
-  if (!sample.alive) { $("state").textContent = "no session; waiting for one"; return; }
+  document.body.classList.toggle("ended", !sample.alive);
+  document.body.classList.toggle("running", sample.alive && !sample.paused);
+  if (!sample.alive) { say("The session has ended"); $("state").textContent = "no session; waiting for one"; return; }
   const minutes = Math.floor(sample.uptime_s / 60), seconds = Math.floor(sample.uptime_s % 60).toString().padStart(2, "0");
-  const camera = sample.stages.capture.state === "NONE" ? "no camera" : `camera ${sample.camera_fps.toFixed(1)} Hz`;
+  say(`${sample.paused ? "Paused" : "Running"}, ${minutes ? `${minutes} min` : `${seconds} s`}`);
+  const capture = sample.stages.capture;
+  $("eyes").hidden = !capture || capture.state === "NONE" || !$("camera").src;
+  const camera = !capture || capture.state === "NONE" ? "no camera" : `camera ${sample.camera_fps.toFixed(1)} Hz`;
   $("state").textContent = `up ${minutes}:${seconds}, ${camera}${sample.camera_light ? ` (${sample.camera_light})` : ""}, viewer ${sample.viewer}`
     + `${sample.paused ? ", paused" : ""}`
     + `${sample.level ? `, quality lowered to ${sample.level_words} (${sample.level} of ${sample.lowest_level})` : ""}; age of pictures p50 ${dash(sample.end_to_end, "p50_ms")}, p99 ${dash(sample.end_to_end, "p99_ms")} ms, `
     + `eyes predicted by ${dash(sample.prediction, "p50_ms")} ms${sample.motion_to_photon ? `; motion to photon: ${sample.motion_to_photon}` : ""}`;
   charts(sample); table(sample); show(sample);
 }
+
+function say(text) { $("short").lastElementChild.textContent = text; }
 
 let events = null; // a hidden page does not listen
 
@@ -139,9 +170,15 @@ function connect() {
   const opened = events = new EventSource("events");
   opened.onmessage = draw;
   for (const which of ["camera", "picture"])
-    opened.addEventListener(which, (event) => { $(which).src = `data:image/jpeg;base64,${event.data}`; });
+    opened.addEventListener(which, (event) => {
+      $(which).src = `data:image/jpeg;base64,${event.data}`;
+      if (which === "picture") { $(which).hidden = false; $("waiting").hidden = true; }
+    });
   opened.onerror = async () => {
     page.last = null;
+    document.body.classList.remove("running");
+    document.body.classList.add("ended");
+    say("The monitor has ended");
     $("state").textContent = "the monitor has ended; open the address that it prints when it starts again";
     if (opened.readyState !== EventSource.CLOSED) return; // the browser reconnects automatically
     const answer = await fetch("events").catch(() => null); // the reason for the refusal
@@ -156,7 +193,4 @@ function fit() {
   if (page.latency) page.latency.setSize({ width: wide($("latency")), height: 220 });
 }
 addEventListener("resize", fit);
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
-  if (page.latency) page.latency.redraw();
-});
 connect();
