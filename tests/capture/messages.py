@@ -55,7 +55,6 @@ MESSAGES: dict[str, tuple[Cause, str]] = {
         parsed("fiel:a.mp4"),
         "'fiel:a.mp4': not a frame source … camera:N, … file:PATH?loop=0|1 … demo",
     ),
-    "only a number": (parsed("0"), "'0': not a frame source … use camera:0"),
     "no camera given": (parsed("camera: "), "'camera: ': not a frame source … camera:NAME"),
     "no path": (parsed("file:?loop=0"), "file: has no path … file:walk.mp4"),
     "bad pace": (
