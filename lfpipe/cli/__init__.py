@@ -174,9 +174,8 @@ def run(notify: Callable[[UserError], None] = print_error) -> NoReturn:
         leave(end.code if isinstance(end.code, int) else 1)
         raise
     except Exception:
-        sys.excepthook(*sys.exc_info())
-        leave(1)
-        sys.exit(1)
+        leave(1, *sys.exc_info())
+        raise
 
 
 def _run(notify: Callable[[UserError], None]) -> NoReturn:

@@ -72,12 +72,15 @@ def end_with_parent(parent_pid: int) -> bool:
     return os.getppid() == parent_pid
 
 
-def leave(code: int) -> None:
+def leave(code: int, *error: Any) -> None:
     """Ends this process if a daemon thread is left; else returns. The thread may be inside native
-    code: the end of the interpreter would unwind it, and C++ then aborts the process.
+    code: the end of the interpreter would unwind it, and C++ then aborts the process. error: of
+    `sys.exc_info`, to print before.
     """
     if not any(thread.daemon for thread in threading.enumerate()):
         return
+    if error:
+        sys.excepthook(*error)
     atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(AttributeError, OSError, ValueError):  # closed, or its reader is
