@@ -40,7 +40,7 @@ def _menu(finger: Finger, menu: Menu) -> ItemPanel:
 
 
 def _text(finger: Finger, text: Overlay) -> ItemPanel:
-    return text_panel(text, finger.bar().at[1] if text.items else None, finger.size_px, TEXT_PX)
+    return text_panel(text, finger.bar().at[1], finger.size_px, TEXT_PX)
 
 
 def _test(finger: Finger) -> ItemPanel:

@@ -23,9 +23,10 @@ from lfpipe.render.display.window_system import open_presentation, pygame
 from lfpipe.render.synthesis.pair_layout import Pair, arrange_stereo_pair
 
 USUAL_MM = 531.0  # width of a 24-inch screen of 16:9, for monitors that report no size
-# of the monitor's height: TEXT_PX is too small on a fine monitor
-TEXT_PX = 22
-TEXT_SHARE = 1 / 50
+# least height of a line of text: its letters have 15 px; and its share of the monitor's height: 17
+# px on one of 1080 rows, as elsewhere on a desktop
+TEXT_PX = 20
+TEXT_SHARE = 23 / 1080
 BUTTONS = {1: "left", 3: "right"}
 MOUSE = (pygame.MOUSEMOTION, pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP, pygame.MOUSEWHEEL)
 RESIZED = (pygame.WINDOWSIZECHANGED, pygame.WINDOWDISPLAYCHANGED)

@@ -13,7 +13,7 @@ from lfpipe.render.display.open_display import HINT
 from lfpipe.render.display.overlay import Event, Item, Overlay
 from lfpipe.render.presenter import Presenter
 from lfpipe.render.ui.keys import CLOSING, DEPTH, bar_items
-from lfpipe.render.ui.notices import ChangeNotices, Notices, standing_notices
+from lfpipe.render.ui.notices import ChangeNotices, Notices, standing_notices, viewer_name
 from lfpipe.render.ui.pages import GlassesQuestion, GlassesTest, Help, MetricsPage, Page
 from lfpipe.render.ui.recording import RecordingIndicator
 from lfpipe.render.ui.scenes import NO_OTHER, SceneLoader, ScenePage
@@ -135,7 +135,10 @@ class Ui:
             attrs.evolve(
                 self.page.overlay(t_ns) if self.page else Overlay(),
                 notices=self.notices.lines(t_ns, standing),
+                scene=self.viewer.field.name,
+                step=self.scenes.working,
                 progress=self.scenes.progress,
+                viewer=viewer_name(self.context.options.viewer),
                 bar=self._bar(),
                 recording=self.recording.status,
             )

@@ -1,7 +1,8 @@
 """Notices over the picture, and the lines of key o: rates, latency, depth and the views on show."""
 
 from lfpipe.config import Render
-from lfpipe.config.modes import Window
+from lfpipe.config.modes import CameraViewer, MouseViewer, NoViewer, RecordedEyes, Window
+from lfpipe.config.modes import Viewer as ViewerKind
 from lfpipe.config.quality import level_number
 from lfpipe.notices import NoticeKind, latency_lines, notices
 from lfpipe.render.synthesis.zero_plane import zero_plane_px
@@ -29,6 +30,20 @@ GLASSES = {  # value of render.anaglyph -> its glasses
     "side-by-side": "a 3D television, side by side",
     "row-interleaved": "a 3D screen, row by row",
 }
+
+
+def viewer_name(viewer: ViewerKind) -> str:
+    """Who looks, for people; "" for nobody."""
+    match viewer:
+        case MouseViewer():
+            return "Mouse"
+        case RecordedEyes():
+            return "Recorded eyes"
+        case CameraViewer(source=source) if source.startswith("demo"):
+            return "Recorded face"
+        case NoViewer():
+            return ""
+    return "Camera"
 
 
 class Notices:

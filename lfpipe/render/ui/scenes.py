@@ -35,13 +35,16 @@ MAX_LINES = 5
 CAMERA_NS = SECOND_NS // 5
 THUMBNAILS = Path(__file__).parent / "thumbnails"  # by tools.make_docs_pictures
 KEPT_PX = (480, 360)  # of a thumbnail, at most: larger than a cell of most menus
+# of the packer -> what it does, for people
+WORK = {"views": "reading pictures", "disparity": "measuring depth", "method": "choosing a method"}
 HINT = "Click, or use the arrows and Enter. Tab goes back.\nDrop a folder of views to open it.{}"
 
 
 class SceneLoader:
     """Requests scenes.
 
-    progress: share of the packer's work on the scene on the screen; None without.
+    progress: share of the packer's work on the scene on the screen; None without. working: what it
+    does.
     """
 
     def __init__(self, context: Context, notices: Notices) -> None:
@@ -54,6 +57,7 @@ class SceneLoader:
         self._loading = ""
         self._step = ""
         self.progress: float | None = None
+        self.working = ""
         self._first_due_ns = 0
 
     def step(self, step: int) -> None:
@@ -88,11 +92,13 @@ class SceneLoader:
             self._asked = ""
 
     def report(self, news: Message) -> None:
-        """Sets the progress of a load requested by any client. A line alone shows that of
-        the scene on the screen.
-        """
+        """Sets the progress of a load requested by any client, or of the scene on the screen."""
         self._loading, self._step = ("", "") if news["shown"] else (news["scene"], news["step"])
         self.progress = news["share"] if news["shown"] and news["step"] else None
+        self.working = ""
+        if self.progress is not None:
+            word, *_ = news["step"].split(" ")
+            self.working = f"{WORK.get(word, news['step'])}, {100 * self.progress:.0f} %"
 
     def _what(self) -> str:
         scenes = self._context.options.playlist
