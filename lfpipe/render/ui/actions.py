@@ -12,7 +12,7 @@ from lfpipe.render.display.overlay import Event
 from lfpipe.render.ui.controller import Ui
 from lfpipe.render.ui.glasses import GHOST
 from lfpipe.render.ui.keys import DEPTH
-from lfpipe.render.ui.notices import SHOWN_NS
+from lfpipe.render.ui.notices import SHOWN_NS, VIEWERS
 from lfpipe.render.ui.recording import picture_folder
 
 Action = Callable[[Ui, Event], None]
@@ -51,6 +51,15 @@ def _wear(ui: Ui, event: Event) -> None:
         ui.open_page(ui.glasses_test)
 
 
+def _look(ui: Ui, event: Event) -> None:
+    """Asks for another viewer."""
+    ui.close_page()
+    own = ui.context.config.camera.source
+    camera = "" if own.startswith("demo") or own == "mouse" else own
+    ui.notices.show("viewer", f"starting: {VIEWERS[event.text].lower()}")
+    ui.context.request("viewer", source=camera if event.text == "camera" else event.text)
+
+
 def _compensate_ghost(ui: Ui, _event: Event, step: float) -> None:
     """Adjusts ghost compensation while the glasses test is open."""
     if ui.page is ui.glasses_test:
@@ -77,6 +86,8 @@ ACTIONS: Mapping[str, Action] = {
     "help": lambda ui, _: ui.open_page(ui.help_page),
     "choose": lambda ui, _: ui.open_page(ui.scene_page),
     "which": lambda ui, _: ui.open_page(ui.glasses_question),
+    "who": lambda ui, _: ui.open_page(ui.viewer_page),
+    "look": _look,
     "glasses": lambda ui, _: ui.open_page(ui.glasses_test),
     "close": lambda ui, _: ui.close_page(),
     # settings

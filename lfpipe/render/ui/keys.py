@@ -30,6 +30,7 @@ GROUPS = {
     ),
     "View": (
         Key("e", "which", "choose your glasses", "Glasses"),
+        Key("v", "who", "who looks: camera, mouse or a recorded face", "Viewer"),
         Key("+ -", "alpha+ alpha-", "more, less parallax when you move", "Depth"),
         Key("d", "invert-depth", "swap near and far", "Near/far"),
         Key("c", "recentre", "centre on where you are", "Centre"),
@@ -69,7 +70,7 @@ TIPS = {event: row.help for row, event in _EVENTS.items()} | {DEPTH: "from comfo
 GROUP_OF = {_EVENTS[row]: group for group, rows in GROUPS.items() for row in rows if row.label}
 LABELS = {event: tuple(row.label.split("|")) for row, event in _EVENTS.items()}
 # entries of the bar that close a page; the others open another one
-CLOSING = set(LABELS) - {"choose", "which", "help", "overlay"}
+CLOSING = set(LABELS) - {"choose", "which", "who", "help", "overlay"}
 
 
 @lru_cache(2)

@@ -92,8 +92,12 @@ SVG = (
     ' stroke-linejoin="round">{2}</svg>'
 )
 _FOLDER = '<path d="M3 7a2 2 0 0 1 2-2h4l2 2h8a2 2 0 0 1 2 2v8a2 2 0 0 1-2 2H5a2 2 0 0 1-2-2z"/>'
+_CAMERA = '<rect x="2" y="7" width="13" height="10" rx="2"/><path d="M15 11l6-3v8l-6-3"/>'
 _FILM = '<rect x="3" y="5" width="18" height="14" rx="2"/><path d="M10 9l5 3-5 3z"/>'
-ICONS = {  # event -> drawing
+ICONS = {  # event, or the kind of viewer -> drawing
+    "camera": _CAMERA,
+    "mouse": '<rect x="7" y="3" width="10" height="18" rx="5"/><path d="M12 7v4"/>',
+    "demo": _FILM,
     "choose": '<rect x="3" y="3" width="8" height="8" rx="1"/>'
     '<rect x="13" y="3" width="8" height="8" rx="1"/>'
     '<rect x="3" y="13" width="8" height="8" rx="1"/>'

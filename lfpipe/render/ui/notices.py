@@ -1,7 +1,7 @@
 """Notices over the picture, and the lines of key o: rates, latency, depth and the views on show."""
 
 from lfpipe.config import Render
-from lfpipe.config.modes import CameraViewer, MouseViewer, NoViewer, RecordedEyes, Window
+from lfpipe.config.modes import CameraViewer, MouseViewer, NoViewer, Window
 from lfpipe.config.modes import Viewer as ViewerKind
 from lfpipe.config.quality import level_number
 from lfpipe.notices import NoticeKind, latency_lines, notices
@@ -32,18 +32,24 @@ GLASSES = {  # value of render.anaglyph -> its glasses
 }
 
 
-def viewer_name(viewer: ViewerKind) -> str:
-    """Who looks, for people; "" for nobody."""
+VIEWERS = {"camera": "My camera", "mouse": "Mouse", "demo": "Recorded face"}
+
+
+def viewer_kind(viewer: ViewerKind) -> str:
+    """A key of VIEWERS, or "" for nobody."""
     match viewer:
         case MouseViewer():
-            return "Mouse"
-        case RecordedEyes():
-            return "Recorded eyes"
-        case CameraViewer(source=source) if source.startswith("demo"):
-            return "Recorded face"
+            return "mouse"
+        case CameraViewer(source=source) if not source.startswith("demo"):
+            return "camera"
         case NoViewer():
             return ""
-    return "Camera"
+    return "demo"
+
+
+def viewer_name(viewer: ViewerKind) -> str:
+    """Who looks, for people; "" for nobody."""
+    return VIEWERS.get(viewer_kind(viewer), "")
 
 
 class Notices:

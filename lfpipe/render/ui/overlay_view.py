@@ -22,6 +22,7 @@ from lfpipe.render.ui.look import (
     BORDER,
     CARD,
     CONTROL_UNITS,
+    ICONS,
     NOT_LIT,
     OFF,
     RED,
@@ -164,7 +165,7 @@ def _button_px(item: Item, letters: pygame.font.Font, unit: int) -> int:
 
 # The bar: icons beside their labels, over them, or alone, the first that fits.
 BESIDE, OVER, ALONE = range(3)
-ICON_SHARE = 0.7  # of an icon's usual place, at least: a finger still hits it
+ICON_SHARE = 0.6  # of the usual place of an icon, at least: still larger than a fingertip needs
 
 
 def _bar_px(item: Item, style: int, letters: pygame.font.Font, unit: int) -> int:
@@ -193,7 +194,7 @@ def bar_panel(items: tuple[Item, ...], lit: Lit, window_px: Place, text_px: int)
             break
     squeezed = min(1.0, max(ICON_SHARE, rest / sum(widths)))
     widths = [int(squeezed * width) for width in widths]
-    side = CONTROL_UNITS * unit + (style == OVER) * unit
+    side = int(squeezed * CONTROL_UNITS * unit) + (style == OVER) * unit
     cells = list[Cell]()
     lines = list[pygame.Rect]()
     x = y = unit
@@ -350,9 +351,12 @@ def _draw_tile(
     text = letters.render(label, True, TEXT, None, max(1, room.width))
     text = text.subsurface((0, 0, text.get_width(), min(text.get_height(), room.height)))
     surface.blit(text, text.get_rect(midbottom=room.midbottom))
+    space = room.width, max(1, room.height - text.get_height() - unit)
+    if item.event.text in ICONS:
+        drawing = icon(item.event.text, min(space) // 2, TEXT)
+        surface.blit(drawing, drawing.get_rect(center=(room.centerx, room.top + space[1] // 2)))
     if item.picture is not None:
         rows, cols, channels = item.picture.shape
-        space = room.width, max(1, room.height - text.get_height() - unit)
         x, y, *size = fit_area((cols, rows), space)
         small = cv2.resize(item.picture, size, interpolation=cv2.INTER_AREA).tobytes()
         surface.blit(
