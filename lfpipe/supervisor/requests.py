@@ -209,6 +209,11 @@ def _output(state: SessionState, message: Message, _t_ns: int) -> Reply:
             "no camera is in use: the scene is a single view",
             "record without a scene: `lfpipe record OUT`",
         )
+    if command == "record" and state.paused:
+        raise UserError(
+            "the session is paused: nothing would be recorded",
+            "resume it: `lfpipe ctl resume`, or p in the window",
+        )
     options = state.options
     return Reply(
         check=FileCheck(

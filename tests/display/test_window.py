@@ -304,3 +304,40 @@ def test_screen_window_framed_stays_where_it_was_over_full_screen(
             if display is not None:
                 display.close()
             end(manager)
+
+
+def _mouse(kind: int, at: tuple[int, int], button: int = 1) -> None:
+    pygame.event.post(
+        pygame.event.Event(kind, pos=at, rel=(1, 1), buttons=(0, 0, 0), button=button)
+    )
+
+
+def test_screen_window_wheel_zooms_a_drag_pans_and_a_double_click_resets(
+    window: Callable[..., Display], screen: Screen
+) -> None:
+    display = window((800, 400))
+    halves = np.zeros((400, 800, 3), np.uint8)
+    halves[:, 400:] = 90
+    display.show(halves)
+    width_mm = display.width_mm()
+    assert width_mm is not None
+
+    def light() -> float:
+        return float((screen.shown() == 90).all(axis=2).mean())
+
+    assert becomes(lambda: abs(light() - 0.5) < 0.01, display)
+    _mouse(pygame.MOUSEMOTION, (200, 200))
+    pygame.event.post(pygame.event.Event(pygame.MOUSEWHEEL, y=4, x=0))
+    # a quarter of the width from the left edge stays where it is
+    assert becomes(lambda: abs(light() - (1 - 0.25 - 0.25 * 1.2**4)) < 0.01, display)
+    larger_mm = display.width_mm()
+    assert larger_mm is not None and abs(larger_mm / width_mm - 1.2**4) < 0.01
+    assert display.pointer.wheel == 0, "no distance"
+    _mouse(pygame.MOUSEBUTTONDOWN, (600, 200))
+    _mouse(pygame.MOUSEMOTION, (300, 200))
+    _mouse(pygame.MOUSEBUTTONUP, (300, 200))
+    assert becomes(lambda: light() > 0.55, display) and not display.pointer.left
+    for _ in range(2):
+        _mouse(pygame.MOUSEBUTTONDOWN, (300, 200))
+        _mouse(pygame.MOUSEBUTTONUP, (300, 200))
+    assert becomes(lambda: abs(light() - 0.5) < 0.01, display)

@@ -348,7 +348,9 @@ def _draw_tile(
     label = drawable(item.label)
     while len(label) > 1 and letters.size(label)[0] > 2 * room.width - 4 * unit:
         label = label[:-2].rstrip() + "…"
+    letters.align = pygame.FONT_CENTER
     text = letters.render(label, True, TEXT, None, max(1, room.width))
+    letters.align = pygame.FONT_LEFT
     text = text.subsurface((0, 0, text.get_width(), min(text.get_height(), room.height)))
     surface.blit(text, text.get_rect(midbottom=room.midbottom))
     space = room.width, max(1, room.height - text.get_height() - unit)
@@ -523,6 +525,7 @@ class OverlayView:
         self._at = 0  # the selected item of the menu
         self._lit = NOT_LIT
         self._over: Cell | None = None  # what the pointer is on
+        self._used = NO_EVENT  # pressed, and the pointer is still there: it needs no tip
         self._held: Cell | None = None  # a slider
         self._bar_from_s = math.inf  # when the bar appears, for BAR_S
         self._edge_px = 0  # pointer motion below shows the bar or keeps it
@@ -592,7 +595,8 @@ class OverlayView:
         if bar is not None and is_awake:
             bars.append(bar)
             self._edge_px = bar_top_px
-            if self._over is not None and self._over[0].event.name in TIPS:
+            is_new = self._over is not None and self._over[0].event != self._used
+            if self._over is not None and is_new and self._over[0].event.name in TIPS:
                 item, rect = self._over
                 item = next(one for one in overlay.bar if one.event.name == item.event.name)
                 bars.append(tip_panel(item, (rect.centerx, bar_top_px), window_px, text_px))
@@ -653,6 +657,8 @@ class OverlayView:
             self._lit.pressed and event.type == pygame.MOUSEMOTION
         )
         self._lit = Lit(lit, is_down) if lit.name else NOT_LIT
+        if is_down or lit != self._used:
+            self._used = lit if is_down else NO_EVENT
         if event.type == pygame.MOUSEBUTTONUP:
             self._held = None
         elif event.type == pygame.MOUSEBUTTONDOWN and event.button == 1 and self._over is not None:
