@@ -142,9 +142,9 @@ def _draw_button(
 ) -> None:
     """A label with its key, or above its slider; without a back if it is a single letter."""
     single = len(item.label) == 1
-    is_lit = item.event == lit.event
+    is_lit = item.event == lit.event and not item.off
     draw_card(surface, rect, unit, is_lit, lit.pressed, plain=None if single else CARD)
-    label = letters.render(drawable(item.label), True, TEXT)
+    label = letters.render(drawable(item.label), True, OFF if item.off else TEXT)
     if item.slider is not None:
         surface.blit(label, label.get_rect(midtop=(rect.centerx, rect.top + unit // 2)))
         _draw_slider(surface, item, rect, rect.bottom - 3 * unit // 2, unit)
