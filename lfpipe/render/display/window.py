@@ -51,6 +51,11 @@ NAMES = {
 }
 
 
+def letters_px(monitor_px: int) -> float:
+    """The height of a line of text on a monitor of that height."""
+    return max(TEXT_PX, TEXT_SHARE * monitor_px)
+
+
 LEAVE_FULLSCREEN = Event("leave-fullscreen")  # Esc where it closes nothing
 
 
@@ -226,9 +231,8 @@ class ScreenWindow(Display):
         """Draws picture and overlay. again: also if neither has changed."""
         pygame.mouse.set_visible(not self._fullscreen or self._view.has_pointer)
         window_px = self._painter.size_px()
-        text_px = round(
-            max(TEXT_PX, TEXT_SHARE * self.monitor.height) * window_px[0] / self._window.size[0]
-        )
+        scaled = window_px[0] / self._window.size[0]
+        text_px = round(letters_px(self.monitor.height) * scaled)
         panels = self._view.panels(window_px, text_px)
         unchanged = panels == self._drawn
         self._drawn = panels
