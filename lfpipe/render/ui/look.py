@@ -63,7 +63,9 @@ def draw_card(
     plain: Colour | None = CARD,
 ) -> None:
     """The back of an item in its state. plain: without any."""
-    colour = (PRESSED if pressed else HOVERED) if lit else plain
+    colour = plain
+    if lit:
+        colour = PRESSED if pressed else HOVERED
     if colour is not None:
         pygame.draw.rect(surface, colour, rect, border_radius=unit)
     if focused:

@@ -228,7 +228,9 @@ def _draw_entry(
     """An entry of the bar: an icon or a slider, and its label."""
     is_lit = item.event == lit.event and not item.off
     draw_card(surface, rect, unit, is_lit, lit.pressed, plain=None)
-    colour = OFF if item.off else RED if item.warns else TEXT
+    colour = RED if item.warns else TEXT
+    if item.off:
+        colour = OFF
     label = letters.render(item.label, True, colour)
     middle = rect.centery if style == ALONE else rect.top + 2 * unit
     if item.slider is not None:
