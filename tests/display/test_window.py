@@ -315,9 +315,9 @@ def _mouse(kind: int, at: tuple[int, int], button: int = 1) -> None:
 def test_screen_window_wheel_zooms_a_drag_pans_and_a_double_click_resets(
     window: Callable[..., Display], screen: Screen
 ) -> None:
-    display = window((800, 400))
-    halves = np.zeros((400, 800, 3), np.uint8)
-    halves[:, 400:] = 90
+    display = window((853, 426))
+    halves = np.full((426, 853, 3), 40, np.uint8)
+    halves[:, 427:] = 90
     display.show(halves)
     width_mm = display.width_mm()
     assert width_mm is not None
@@ -326,18 +326,18 @@ def test_screen_window_wheel_zooms_a_drag_pans_and_a_double_click_resets(
         return float((screen.shown() == 90).all(axis=2).mean())
 
     assert becomes(lambda: abs(light() - 0.5) < 0.01, display)
-    _mouse(pygame.MOUSEMOTION, (200, 200))
+    _mouse(pygame.MOUSEMOTION, (213, 213))
     pygame.event.post(pygame.event.Event(pygame.MOUSEWHEEL, y=4, x=0))
     # a quarter of the width from the left edge stays where it is
     assert becomes(lambda: abs(light() - (1 - 0.25 - 0.25 * 1.2**4)) < 0.01, display)
     larger_mm = display.width_mm()
     assert larger_mm is not None and abs(larger_mm / width_mm - 1.2**4) < 0.01
     assert display.pointer.wheel == 0, "no distance"
-    _mouse(pygame.MOUSEBUTTONDOWN, (600, 200))
-    _mouse(pygame.MOUSEMOTION, (300, 200))
-    _mouse(pygame.MOUSEBUTTONUP, (300, 200))
+    _mouse(pygame.MOUSEBUTTONDOWN, (640, 213))
+    _mouse(pygame.MOUSEMOTION, (320, 213))
+    _mouse(pygame.MOUSEBUTTONUP, (320, 213))
     assert becomes(lambda: light() > 0.55, display) and not display.pointer.left
     for _ in range(2):
-        _mouse(pygame.MOUSEBUTTONDOWN, (300, 200))
-        _mouse(pygame.MOUSEBUTTONUP, (300, 200))
+        _mouse(pygame.MOUSEBUTTONDOWN, (320, 213))
+        _mouse(pygame.MOUSEBUTTONUP, (320, 213))
     assert becomes(lambda: abs(light() - 0.5) < 0.01, display)
