@@ -18,7 +18,6 @@ import numpy as np
 
 from lfpipe.config import Render, Scene
 from lfpipe.render.display.overlay import Event, Item, Menu, Overlay
-from lfpipe.render.display.window import TEXT_PX
 from lfpipe.render.display.window_system import pygame
 from lfpipe.render.ui.glasses import glasses_menu, instructions
 from lfpipe.render.ui.keys import HELP
@@ -36,11 +35,11 @@ SHEET_COLS, SHEET_PX, QUALITY = 3, 640, 75
 
 
 def _menu(finger: Finger, menu: Menu) -> ItemPanel:
-    return menu_panel(menu, 0, (finger.size_px[0], finger.bar().at[1]), TEXT_PX)
+    return menu_panel(menu, 0, (finger.size_px[0], finger.bar().at[1]), finger.text_px)
 
 
 def _text(finger: Finger, text: Overlay) -> ItemPanel:
-    return text_panel(text, finger.bar().at[1] if text.items else None, finger.size_px, TEXT_PX)
+    return text_panel(text, finger.bar().at[1], finger.size_px, finger.text_px)
 
 
 def _test(finger: Finger) -> ItemPanel:

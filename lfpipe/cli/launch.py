@@ -139,15 +139,15 @@ class SessionPlan:
 
 def start() -> int:
     """`lfpipe` without arguments on a desktop: a session that begins with thumbnails of the demo
-    and of recent scenes, with the demo's viewer if there is no camera. Returns the exit code.
+    and of recent scenes, with the mouse if there is no camera. Returns the exit code.
     """
     config = configuration.load()
     camera = None
     try:
         check_source(config.camera.source, camera_settings(config))
     except UserError as error:
-        say(f"using the demo's face instead of a camera: {error.message}")
-        camera = "demo"
+        say(f"the mouse looks instead of a camera: {error.message}")
+        camera = MouseViewer.source
     demos = [demo_scene(cache_dir(config.scene), name=name) for name in NAMES]
     own = {demo.resolve() for demo in demos}
     scenes = (*demos, *(scene for scene in recent_scenes() if scene not in own))

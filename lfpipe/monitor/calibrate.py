@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Collection, Sequence
 from contextlib import closing
 
+import attrs
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +17,16 @@ from lfpipe.capture.open_source import camera_settings, open_source
 from lfpipe.config import Config
 from lfpipe.errors import UserError
 from lfpipe.render.display.open_display import has_display
-from lfpipe.render.display.overlay import Overlay
+from lfpipe.render.display.overlay import Event, Item, Overlay
 from lfpipe.track.make_engine import make_engine
 
 MEASURED_FRAMES = 45  # with a face: one and a half seconds
 SPREAD = 0.05  # limit of the interquartile range as a share of the median: the viewer moved
 PATIENCE_FRAMES = 600  # without a still face before giving up: 20 s at 30 Hz
+RING = 1.6  # radius over the distance of the eyes: around the face
+GREY, ACCENT = (110, 110, 110), (215, 196, 53)  # BGR
+ACCEPT = Item("Accept", Event("enter"), "Enter")
+CANCEL = Item("Cancel", Event("close"), "Esc")
 EDGES = (
     "Click the middle of one short edge.",
     "First edge marked. Click the middle of the other short edge.",
@@ -61,18 +66,36 @@ class _CameraWindow:
         """Reads the next picture. False at the end of the source."""
         return self.source.read(self.picture) is not None
 
-    def show(self, marks: Sequence[Sequence[float]], *lines: str) -> bool:
-        """Shows the picture with crosses at marks. Returns whether Enter was pressed; True without
-        a window. Raises UserError if the user cancels.
+    def show(
+        self,
+        marks: Sequence[Sequence[float]],
+        *lines: str,
+        mirrored: bool = False,
+        still: float = 0.0,
+        items: tuple[Item, ...] = (),
+    ) -> bool:
+        """Shows the picture with crosses at marks, and around them a ring of which the share
+        `still` is full. Returns whether Enter was pressed, or the item that does the same; True
+        without a window. Raises UserError if the user cancels.
         """
         if self.window is None:
             return True
         marked = self.picture.copy()
+        if mirrored:
+            marked = np.ascontiguousarray(marked[:, ::-1])
+            marks = [(marked.shape[1] - 1 - x, y) for x, y in marks]
+        if still:
+            middle = np.mean(marks, axis=0)
+            radius_px = round(RING * math.dist(*marks))
+            for share, colour in ((1.0, GREY), (still, ACCENT)):
+                place = (round(middle[0]), round(middle[1])), (radius_px, radius_px)
+                end_deg = 360 * share - 90
+                cv2.ellipse(marked, *place, 0, -90, end_deg, colour, 4, cv2.LINE_AA)
         for x, y in marks:
             # visible on a face and on a white card
             for colour, thick_px in (((0, 0, 0), 5), ((255, 255, 255), 2)):
                 cv2.drawMarker(marked, (round(x), round(y)), colour, cv2.MARKER_CROSS, 21, thick_px)
-        self.window.overlay(Overlay(lines=lines))
+        self.window.overlay(Overlay(lines=lines, items=items))
         self.window.show(marked)
         events = self.window.events()
         names = {event.name for event in events}
@@ -117,11 +140,14 @@ def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
             median_px, still = median_of(eye_distance_px)
             missed = missed + 1 if face is None or not still else 0
             state = f"eyes {median_px:.1f} px apart" if face is not None else "no face detected"
+            share = len(eye_distance_px) / MEASURED_FRAMES if still and face is not None else 0.0
             accepted = camera_window.show(
                 [] if face is None else face.eyes_px.tolist(),
-                f"Eyes {distance_mm:g} mm from the camera. Look into it and keep still.",
+                f"Eyes {distance_mm:g} mm from the camera. Look into it and hold still.",
                 state,
-                "Enter accepts, Esc cancels",
+                mirrored=True,
+                still=share,
+                items=(attrs.evolve(ACCEPT, off=share < 1), CANCEL),
             )
     return median_px
 
@@ -148,7 +174,7 @@ def by_card(config: Config, camera: str | None, distance_mm: float) -> float:
             frozen = camera_window.show(
                 (),
                 f"Card {distance_mm:g} mm from the camera, facing it.",
-                "Enter freezes it, Esc cancels",
+                items=(attrs.evolve(ACCEPT, label="Freeze"), CANCEL),
             )
         clicks = camera_window.clicks
         clicks.clear()
@@ -156,9 +182,14 @@ def by_card(config: Config, camera: str | None, distance_mm: float) -> float:
             del clicks[: 2 * (len(clicks) > 2)]  # a third click starts again
             card_px = math.dist(*clicks) if len(clicks) == 2 else 0.0
             state = (
-                f"{card_px:.1f} px wide. Enter accepts, a click starts again."
+                f"{card_px:.1f} px wide. Accept it, or click to start again."
                 if card_px
                 else EDGES[len(clicks)]
             )
-            if camera_window.show(clicks, state, "Esc cancels") and card_px:
+            if (
+                camera_window.show(
+                    clicks, state, items=(attrs.evolve(ACCEPT, off=not card_px), CANCEL)
+                )
+                and card_px
+            ):
                 return card_px

@@ -97,6 +97,10 @@ class EyesSource:
             record, stamp, stamp.t_sensor_ns, waited_ns=max(t_ns - stamp.t_publish_ns, 0)
         )
 
+    def forget(self) -> None:
+        """Forgets the newest record: another viewer looks."""
+        self._newest = None
+
     def at(self, t_ns: int, mouse: MouseLook | None = None) -> TrackedEyes | None:
         """The eyes for a picture that is begun at t_ns; None before the first record."""
         newest = self._newest

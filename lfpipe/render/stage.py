@@ -88,7 +88,6 @@ class EyesInput:
     def __init__(self, context: Context, source: EyesSource) -> None:
         self._context = context
         self.source = source
-        self._by_mouse = isinstance(context.options.viewer, MouseViewer)
         self._ring = context.input("eyes")
         self._buffer = np.empty((), EYES)
         self.pending = False
@@ -97,7 +96,9 @@ class EyesInput:
     def take(self) -> Stamp | None:
         """Reads the newest record if there is one; returns its stamp."""
         stamp = self._ring.take(self._buffer)
-        if stamp is None or self._by_mouse:  # then the mouse wrote it, in this process
+        if stamp is None or isinstance(
+            self._context.options.viewer, MouseViewer
+        ):  # then the mouse wrote it, in this process
             return None
         self.leave_out()
         self.pending = True
@@ -358,6 +359,8 @@ class RenderStage:
         elif (self._config, self._share) != drawn:
             self._viewer.set_quality(self._config, self._share)
             self._presenter.redraw()
+        if self._options.viewer.source != options.viewer.source:
+            self._exchange_viewer()
         for listener in self._listeners:
             listener.set_options(self._options)
         context.ack_config()
@@ -373,6 +376,15 @@ class RenderStage:
                 self._ui.scene_page.add(message)
         for answer in context.answers():
             self._ui.handle(answer)
+
+    def _exchange_viewer(self) -> None:
+        """Takes the eyes from another source."""
+        viewer = self._options.viewer
+        is_mouse = isinstance(viewer, MouseViewer)
+        self._eyes.source.forget()
+        self._mouse.set_ring(self._context.output("eyes") if is_mouse else None)
+        self._viewer.exchange(isinstance(viewer, MouseViewer | RecordedEyes))
+        self._presenter.redraw()
 
     def _open_scene(self, other_pack: bool, completed: bool, turned: bool) -> None:
         """Shows the scene of the current settings.

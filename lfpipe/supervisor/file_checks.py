@@ -24,7 +24,7 @@ class FileCheck:
     """The task of the child for a request."""
 
     check: str
-    """"trace", "record", "keep", "keep depth", or a command of another package."""
+    """"trace", "record", "viewer", "keep", "keep depth", or a command of another package."""
     path: str
     """Of the output, the settings or the pack; messages name it."""
     source: str = ""
@@ -34,6 +34,7 @@ class FileCheck:
     section: str = ""
     """Settings to write to [section]."""
     values: Mapping[str, Any] = attrs.field(factory=dict)
+    """The settings; those of the camera for a viewer."""
 
     @property
     def writes(self) -> bool:
@@ -56,6 +57,8 @@ def check(request: Message, _report: Report) -> Message:
 
         check_out(Path(asked.path))
         return {}
+    if asked.check == "viewer":
+        return _viewer(asked)
     if asked.check == "keep":
         from lfpipe.config.user_files import write_keys
 
@@ -73,6 +76,21 @@ def check(request: Message, _report: Report) -> Message:
         return {}
     plugin = guarded(load(REQUESTS, asked.check, ()), REQUESTS, asked.check, {"check": dict})
     return dict(plugin.check(asked))
+
+
+def _viewer(asked: FileCheck) -> Message:
+    """The viewer in front of a source."""
+    from lfpipe.capture.open_source import check_source
+    from lfpipe.config import Camera, converter
+    from lfpipe.config.modes import RecordedEyes
+
+    found = check_source(asked.source, converter().structure(asked.values, Camera))
+    if isinstance(found, RecordedEyes):
+        raise UserError(
+            f"{asked.source}: a recording of the mouse cannot replace a viewer",
+            "start a session with --camera",
+        )
+    return {"source": found.source, "rate_hz": found.rate_hz, "jpeg_px": found.jpeg_px}
 
 
 if __name__ == "__main__":

@@ -36,6 +36,7 @@ STAGES: tuple[Stage, ...] = (
         module="lfpipe.capture.stage",
         needed=_feeds,
         writes=("frames",),
+        of_viewer=True,
         metrics=CAPTURE_METRICS,
     ),
     Stage(
@@ -44,6 +45,7 @@ STAGES: tuple[Stage, ...] = (
         needed=lambda options: options.viewer.tracked,
         reads=("frames",),
         writes=("eyes",),
+        of_viewer=True,
         metrics=TRACK_METRICS,
         own_core=True,
         startup_timeout_s=30.0,

@@ -17,7 +17,7 @@ import attrs
 
 from lfpipe import config as config_module
 from lfpipe.config import DrawingCosts, SceneSummary, converter
-from lfpipe.config.modes import MouseViewer
+from lfpipe.config.modes import CameraViewer, Lossless, MouseViewer, Window
 from lfpipe.errors import UserError
 from lfpipe.plugins import REQUESTS, guarded, load, plugins
 from lfpipe.scene.open_scene import PackerRequest
@@ -209,12 +209,41 @@ def _output(state: SessionState, message: Message, _t_ns: int) -> Reply:
             "no camera is in use: the scene is a single view",
             "record without a scene: `lfpipe record OUT`",
         )
+    if command == "record" and state.paused:
+        raise UserError(
+            "the session is paused: nothing would be recorded",
+            "resume it: `lfpipe ctl resume`, or p in the window",
+        )
     options = state.options
     return Reply(
         check=FileCheck(
             check=command, path=path, source=options.viewer.source, record=options.record
         )
     )
+
+
+def _viewer(state: SessionState, message: Message, _t_ns: int) -> Reply:
+    """Exchanges the viewer for `source`: as for --camera; empty for the first camera."""
+    source = message.get("source")
+    options = state.options
+    if not isinstance(source, str):
+        raise BadMessage("viewer needs `source`: a camera or file, `mouse`, or empty")
+    if options.record:
+        raise UserError(f"the viewer is being recorded to {options.record}", "end the recording")
+    if state.config.render.clock == "camera" or isinstance(options.clock, Lossless):
+        raise UserError(
+            "each picture of this session belongs to a frame of its camera",
+            "start a session with render.clock=display",
+        )
+    if not has_eyes(state):
+        raise UserError("no eyes are in use: the scene is a single view", "load another scene")
+    if source != MouseViewer.source:
+        values = converter().unstructure(state.config.camera)
+        check = FileCheck(check="viewer", path=source or "camera", source=source, values=values)
+        return Reply(check=check)
+    if not isinstance(options.display, Window) or options.lock_code:
+        raise UserError("this session has no mouse", "choose a camera, or demo")
+    return Reply(answer={"source": source}, state=state.changed(viewer=MouseViewer()))
 
 
 def _keep(state: SessionState, message: Message, _t_ns: int) -> Reply:
@@ -270,6 +299,14 @@ def respond_checked(state: SessionState, message: Message, result: Message, t_ns
 
     The state may have changed meanwhile. Raises like `respond`.
     """
+    if message["cmd"] == "viewer":
+        _viewer(state, message, t_ns)
+        viewer = CameraViewer(
+            source=result["source"],
+            rate_hz=result["rate_hz"],
+            jpeg_px=tuple(result["jpeg_px"]) if result["jpeg_px"] else None,
+        )
+        return Reply(answer={"source": viewer.source}, state=state.changed(viewer=viewer))
     if message["cmd"] == "keep":
         return Reply(answer={key: message[key] for key in KEPT if key in message})
     respond(state, message, t_ns)  # another client may have started one
@@ -347,6 +384,7 @@ HANDLERS: dict[str, Handler] = {
     "pictures": _pictures,
     "trace": _output,
     "record": _output,
+    "viewer": _viewer,
     "keep": _keep,
     "dialog": _dialog,
     "costs": _costs,

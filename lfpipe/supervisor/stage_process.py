@@ -52,12 +52,18 @@ class StageProcess:
         self.next_start_ns = 0
         self.failures: deque[int] = deque(maxlen=MAX_FAILURES)
         self.lossless = False
+        self._source = ""  # of the viewer that it was started for
         self._killed = False  # killed for a hang, but not ended yet
         self._checked_ns = self._awake_ns = 0
 
     @property
     def alive(self) -> bool:
         return self.process is not None
+
+    def fits(self, options: SessionOptions) -> bool:
+        """Whether it may go on with these options: it is needed, and for the same viewer."""
+        same = not (self.alive and self.stage.of_viewer) or self._source == options.viewer.source
+        return same and self.stage.needed(options)
 
     def start(self, spec: StageSpec) -> None:
         """Spawns the process.
@@ -75,6 +81,7 @@ class StageProcess:
         self.row["state"] = State.STARTING
         self.row["started_ns"] = self._checked_ns
         self._killed = False
+        self._source = spec.options.viewer.source
         self.lossless = isinstance(spec.options.clock, Lossless)
         with signals.blocked():
             self.process = Child(python("lfpipe.supervisor.child"), child.start_line(spec))
@@ -235,9 +242,9 @@ class StageProcesses:
         return [one.process.ended_fd for one in self if one.process is not None]
 
     def ensure_running(self, options: SessionOptions) -> None:
-        """Starts the stages that are needed, and stops the others."""
+        """Starts the stages that are needed, and stops those that do not fit."""
         for process in self:
-            needed = process.stage.needed(options)
+            needed = process.fits(options)
             process.must_run = needed and not self._drain_since_ns
             if process.must_run and not process.alive and now_ns() >= process.next_start_ns:
                 process.start(self._spec(process.stage))

@@ -27,6 +27,8 @@ class Stage:
     """Declared in its own package."""
     optional: bool = False
     """Whether few sessions run it, and no picture waits for it."""
+    of_viewer: bool = False
+    """Whether it starts again for another viewer."""
     own_core: bool = False
     """Whether it avoids the first of two cores."""
     startup_timeout_s: float = 15.0

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 
+import attrs
 import numpy as np
 import pygame
 import pytest
@@ -15,7 +16,8 @@ from lfpipe.render.display.overlay import NO_EVENT, Event, Item, Menu, Overlay
 from lfpipe.render.display.window import TEXT_PX
 from lfpipe.render.ui.glasses import KINDS, glasses_menu
 from lfpipe.render.ui.keys import ACTION_OF, DEPTH, HELP, KEYS, bar_items
-from lfpipe.render.ui.overlay_view import BAR_SHARE, ItemPanel, OverlayView, bar_panel
+from lfpipe.render.ui.look import NOT_LIT
+from lfpipe.render.ui.overlay_view import EDGE_PX, ItemPanel, OverlayView, bar_panel
 from tests.display.test_window import GREY, becomes, pressed, window  # noqa: F401  (fixture)
 from tests.support.xvfb_screen import Screen
 
@@ -66,9 +68,9 @@ def test_bar_entries_can_be_clicked(
     screened = Screened(size, Overlay(bar=BAR))
     bar = screened.draw()
     width, height = bar.surface.get_size()
-    assert width == size[0] and bar.at[1] + height == size[1]
-    # the smallest window leaves no room for smaller letters
-    assert height <= (0.45 if size == SIZES[0] else BAR_SHARE) * size[1]
+    assert bar.bottom_px == size[1] - EDGE_PX and abs(2 * bar.at[0] + width - size[0]) <= 1
+    # the smallest window needs two rows
+    assert width < size[0] and height <= (0.47 if size == SIZES[0] else 0.14) * size[1]
     assert {event and event.name for event in screened.clicked()} == {
         None,
         *(item.event.name for item in BAR),
@@ -78,8 +80,90 @@ def test_bar_entries_can_be_clicked(
 def test_bar_items_show_their_keys() -> None:
     assert all(ACTION_OF[item.key] == item.event.name for item in BAR if item.slider is None)
     assert len(ACTION_OF) == sum(len(row.keys.split()) for row in KEYS), "no key twice"
-    fewer = bar_items(0.0, True, False, frozenset({DEPTH, "choose"}))
-    assert len(fewer) == len(BAR) - 2 and any(item.warns for item in fewer)
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_bar_entries_keep_their_places_in_every_state(size: tuple[int, int]) -> None:
+    text_px = max(TEXT_PX, size[1] // 50)
+    without = [frozenset(), frozenset({DEPTH, "choose", "record"})]
+    places = {
+        tuple((item.event, *rect) for item, rect in panel.cells)
+        for items in (
+            bar_items(0.0, recording, paused, off)
+            for recording in (False, True)
+            for paused in (False, True)
+            for off in without
+        )
+        for panel in (bar_panel(items, NOT_LIT, size, text_px),)
+    }
+    assert len(places) == 1
+
+
+def test_bar_entry_that_the_session_lacks_does_nothing() -> None:
+    screened = Screened(
+        (1920, 1080), Overlay(bar=bar_items(0.0, False, False, frozenset({"record"})))
+    )
+    bar = screened.draw()
+    by_name = {item.event.name: rect.move(bar.at).center for item, rect in bar.cells}
+    assert screened.click(*by_name["record"]) == NO_EVENT
+    assert screened.click(*by_name["screenshot"]) == Event("screenshot")
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize(
+    "page",
+    [
+        Overlay(menu=glasses_menu("mono")),
+        Overlay(lines=HELP),
+        Overlay(lines=("30.0 Hz", "age of the picture 21 ms")),
+        Overlay(lines=("does each eye see its letter?",), items=(Item("Done", Event("glasses")),)),
+    ],
+    ids=["menu", "help", "metrics", "test"],
+)
+def test_notices_and_pages_leave_the_bar_free(size: tuple[int, int], page: Overlay) -> None:
+    notices = ("CPU overloaded: picture quality reduced",)
+    screened = Screened(size, attrs.evolve(page, notices=notices, bar=BAR, scene="still life"))
+    screened.move(pygame.MOUSEMOTION, 5, size[1] - 5)
+    *others, bar = screened.panels(size, max(TEXT_PX, size[1] // 50))
+    top_px = bar.at[1]
+    assert {item.event for item, _ in bar.cells} == {item.event for item in BAR}
+    small = size == SIZES[0]  # no room for all of them there
+    assert small or all(panel.bottom_px <= top_px for panel in others)
+
+
+SOURCES = {"white": 255, "black": 0, "noise": None}
+
+
+@pytest.mark.parametrize("source", SOURCES)
+@pytest.mark.parametrize("lit", [False, True])
+def test_letters_contrast_with_any_picture(source: str, lit: bool) -> None:
+    """At least 4.5 : 1 between the lightest and the usual luminance of each panel."""
+    size = (1280, 800)
+    picture = np.full((*size[::-1], 3), SOURCES[source] or 0, np.uint8)
+    if source == "noise":
+        picture = np.random.default_rng(1).integers(0, 256, picture.shape).astype(np.uint8)
+    for overlay in (
+        Overlay(lines=HELP, bar=BAR, scene="still life", step="measuring depth, 40 %"),
+        Overlay(menu=glasses_menu("mono"), bar=BAR, notices=("camera lost, trying again",)),
+        Overlay(lines=("a line",), items=(Item("Done", Event("glasses"), "g"),), bar=BAR),
+    ):
+        screened = Screened(size, overlay)
+        panels = screened.panels(size, TEXT_PX)
+        for panel in panels:
+            for _, rect in panel.cells[: 1 if lit else 0]:
+                screened.move(pygame.MOUSEBUTTONDOWN, *rect.move(panel.at).center)
+        screen = pygame.image.frombuffer(picture.tobytes(), size, "RGB")
+        shown = screened.panels(size, TEXT_PX)
+        screen.blits([(panel.surface, panel.at) for panel in shown])
+        pixels = np.asarray(pygame.surfarray.array3d(screen), float) / 255
+        linear = np.where(pixels <= 0.04045, pixels / 12.92, ((pixels + 0.055) / 1.055) ** 2.4)
+        light = linear @ (0.2126, 0.7152, 0.0722)
+        for panel in shown:
+            left, top = panel.at
+            width, height = panel.surface.get_size()
+            inside = light[left + 9 : left + width - 9, top + 9 : top + height - 9]
+            back = np.quantile(inside, 0.75)  # letters cover less
+            assert (inside.max() + 0.05) / (back + 0.05) >= 4.5
 
 
 def test_bar_goes_by_itself_but_not_while_the_slider_is_held(
@@ -87,7 +171,8 @@ def test_bar_goes_by_itself_but_not_while_the_slider_is_held(
 ) -> None:
     screened = Screened((1920, 1080), Overlay(bar=BAR))
     _, rect = next(cell for cell in screened.draw().cells if cell[0].event.name == DEPTH)
-    y = screened.draw().at[1] + rect.centery
+    rect = rect.move(screened.draw().at)
+    y = rect.centery
     values = [screened.move(pygame.MOUSEBUTTONDOWN, rect.left + 1, y)]
     monkeypatch.setattr("time.monotonic", lambda now=pygame.time.get_ticks: 1e9 + now())
     assert screened.draw(), "held"
@@ -185,7 +270,9 @@ def test_bar_comes_with_the_mouse_and_a_click_is_a_key(
     display = window((853, 500))
     display.show(GREY)
     display.overlay(Overlay(bar=BAR))
-    top_px = bar_panel(BAR, NO_EVENT, (853, 500), TEXT_PX).at[1]
+    bar = bar_panel(BAR, NOT_LIT, (853, 500), TEXT_PX)
+    top_px = bar.at[1]
+    scenes = bar.cells[0][1].move(bar.at).center
     pygame.event.post(
         pygame.event.Event(pygame.MOUSEMOTION, pos=(350, 200), rel=(1, 1), buttons=(0, 0, 0))
     )
@@ -193,6 +280,6 @@ def test_bar_comes_with_the_mouse_and_a_click_is_a_key(
     assert (screen.shown()[:top_px] == 90).all()
     for name in (pygame.MOUSEMOTION, pygame.MOUSEBUTTONDOWN):
         pygame.event.post(
-            pygame.event.Event(name, pos=(12, top_px + 5), rel=(1, 1), buttons=(0, 0, 0), button=1)
+            pygame.event.Event(name, pos=scenes, rel=(1, 1), buttons=(0, 0, 0), button=1)
         )
     assert pressed(display) == ["choose"] and not display.pointer.left

@@ -90,7 +90,7 @@ def test_session_window_shows_the_views_of_the_trace(
     _drop(world, screen)
     press("q")
     out, err = process.communicate(timeout=60)
-    assert process.returncode == 0 and "finished" in err, out
+    assert process.returncode == 0 and "the window was closed" in err, out
     assert not world.left()
 
 
@@ -154,7 +154,8 @@ def _choose(world: World, screen: Screen) -> None:
         "both thumbnails",
     )
     rows, cols = np.nonzero((screen.picture() == GRID_MIDDLE).all(axis=-1))
-    world.xdotool("mousemove", int(cols.mean()), int(rows.mean()), "click", 1)
+    # both have this colour; the first one is on the left
+    world.xdotool("mousemove", int(cols.min()) + 9, int(rows.mean()), "click", 1)
     world.wait_for(
         lambda: outline("lfpipe: grid", screen.name), "the title of the scene that was clicked"
     )
@@ -210,8 +211,7 @@ def test_session_window_offers_recent_scenes(world: World, screen: Screen) -> No
     )
     world.xdotool("key", "Left", "Return")  # no glasses
     world.wait_for(lambda: settings.exists() and "mono" in settings.read_text(), "an answer")
-    face = world.wait_for(lambda: _skin(screen), "what the camera sees")
-    assert face > 200
+    assert "source" not in world.ask(cmd="hello")["options"]["viewer"], "the mouse looks"
     for colour in ([5, 13, 13], [5, 21, 21]):  # BGR of their middle views
         world.wait_for(
             lambda colour=colour: (screen.picture() == colour).all(axis=-1).sum() > 1000,
@@ -227,12 +227,6 @@ def test_session_window_offers_recent_scenes(world: World, screen: Screen) -> No
     )
     world.xdotool("key", "q")
     assert "no camera found" in world.ended(process)
-
-
-def _skin(screen: Screen) -> int:
-    """How many pixels of the screen are as red as skin: the scenes of this test are dark."""
-    blue, green, red = np.moveaxis(screen.picture().astype(int), -1, 0)
-    return int(((red > 150) & (red > green + 20) & (green > blue)).sum())
 
 
 @needs_xdotool

@@ -10,6 +10,7 @@ from lfpipe.render.display.window import TEXT_PX
 from lfpipe.render.display.window_system import pygame
 from lfpipe.render.ui.glasses import glasses_menu, instructions
 from lfpipe.render.ui.keys import HELP
+from lfpipe.render.ui.look import RED
 from lfpipe.render.ui.overlay_view import ItemPanel, menu_panel, text_panel
 from tests.support.finger import Finger
 from tests.support.world import World, write_scene
@@ -34,7 +35,7 @@ def test_touch_closes_pages_by_their_cross_and_by_another_entry(
     question = menu_panel(glasses_menu("dubois"), 0, area, TEXT_PX)
     lines, items = instructions(Render())
     test = text_panel(Overlay(lines=lines, items=items), area[1], (width, height), TEXT_PX)
-    help_page = text_panel(Overlay(lines=HELP), None, (width, height), TEXT_PX)
+    help_page = text_panel(Overlay(lines=HELP), area[1], (width, height), TEXT_PX)
 
     def comes(panel: ItemPanel) -> None:
         world.wait_for(lambda: finger.dark(panel), "the panel")
@@ -69,7 +70,7 @@ def test_touch_closes_pages_by_their_cross_and_by_another_entry(
     finger.use_bar("record")
 
     def red() -> bool:
-        return bool((screen.picture()[:400] == (90, 90, 255)).all(axis=-1).any())
+        return bool((screen.picture()[:400] == RED[::-1]).all(axis=-1).any())
 
     world.wait_for(red, "a red dot")
     world.wait_for(

@@ -240,8 +240,10 @@ def test_screen_window_help_lists_every_key(window: Callable[..., Display], scre
     display.show(GREY)
 
     def lines() -> int:
+        """Of both columns."""
         white = (screen.shown() == 255).all(axis=2)
-        return int((np.diff(white.any(axis=1).astype(int)) == 1).sum())
+        halves = np.array_split(white, 2, axis=1)
+        return sum(int((np.diff(half.any(axis=1).astype(int)) == 1).sum()) for half in halves)
 
     display.overlay(Overlay(lines=HELP))
     assert becomes(lambda: lines() >= len(KEYS), display)
@@ -302,3 +304,40 @@ def test_screen_window_framed_stays_where_it_was_over_full_screen(
             if display is not None:
                 display.close()
             end(manager)
+
+
+def _mouse(kind: int, at: tuple[int, int], button: int = 1) -> None:
+    pygame.event.post(
+        pygame.event.Event(kind, pos=at, rel=(1, 1), buttons=(0, 0, 0), button=button)
+    )
+
+
+def test_screen_window_wheel_zooms_a_drag_pans_and_a_double_click_resets(
+    window: Callable[..., Display], screen: Screen
+) -> None:
+    display = window((853, 426))
+    halves = np.full((426, 853, 3), 40, np.uint8)
+    halves[:, 427:] = 90
+    display.show(halves)
+    width_mm = display.width_mm()
+    assert width_mm is not None
+
+    def light() -> float:
+        return float((screen.shown() == 90).all(axis=2).mean())
+
+    assert becomes(lambda: abs(light() - 0.5) < 0.01, display)
+    _mouse(pygame.MOUSEMOTION, (213, 213))
+    pygame.event.post(pygame.event.Event(pygame.MOUSEWHEEL, y=4, x=0))
+    # a quarter of the width from the left edge stays where it is
+    assert becomes(lambda: abs(light() - (1 - 0.25 - 0.25 * 1.2**4)) < 0.01, display)
+    larger_mm = display.width_mm()
+    assert larger_mm is not None and abs(larger_mm / width_mm - 1.2**4) < 0.01
+    assert display.pointer.wheel == 0, "no distance"
+    _mouse(pygame.MOUSEBUTTONDOWN, (640, 213))
+    _mouse(pygame.MOUSEMOTION, (320, 213))
+    _mouse(pygame.MOUSEBUTTONUP, (320, 213))
+    assert becomes(lambda: light() > 0.55, display) and not display.pointer.left
+    for _ in range(2):
+        _mouse(pygame.MOUSEBUTTONDOWN, (320, 213))
+        _mouse(pygame.MOUSEBUTTONUP, (320, 213))
+    assert becomes(lambda: abs(light() - 0.5) < 0.01, display)

@@ -10,10 +10,14 @@ import numpy as np
 import pytest
 
 from lfpipe.config.user_files import write_keys
-from lfpipe.monitor.calibrate import median_of
+from lfpipe.monitor.calibrate import ACCEPT, CANCEL, median_of
+from lfpipe.render.display.overlay import Overlay
+from lfpipe.render.display.window_system import pygame
+from lfpipe.render.ui.overlay_view import text_panel
 from tests.capture.made_files import video
+from tests.support.finger import Finger
 from tests.support.world import World
-from tests.support.xvfb_screen import Screen, outline
+from tests.support.xvfb_screen import Screen, needs_xdotool, outline
 
 
 @pytest.mark.parametrize(
@@ -158,3 +162,23 @@ def test_calibrate_by_card_in_a_real_window(world: World, screen: Screen, tmp_pa
         and "# mine" in settings.read_text()
     )
     assert str(settings) in out and str(cameras) in out
+
+
+@needs_xdotool
+def test_calibrate_by_eyes_is_accepted_by_the_mouse_alone(world: World, screen: Screen) -> None:
+    pygame.font.init()
+    world.env["DISPLAY"] = screen.name
+    process = world.start("calibrate", "--camera", "demo", "--distance", "560")
+    finger = Finger(world, screen, "lfpipe calibrate")
+    world.wait_for(lambda: outline(finger.title, screen.name), "window")
+    lines = "Eyes 560 mm from the camera. Look into it and hold still.", "eyes 60.0 px apart"
+    page = Overlay(lines=lines, items=(ACCEPT, CANCEL))
+    panel = text_panel(page, finger.size_px[1], finger.size_px, finger.text_px)
+
+    def accepted() -> bool:
+        if process.poll() is None and outline(finger.title, screen.name):
+            finger.touch(panel, "enter")
+        return process.poll() is not None
+
+    world.wait_for(accepted, "the end")
+    assert process.returncode == 0, process.stderr

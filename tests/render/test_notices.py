@@ -1,5 +1,6 @@
 """Words in the picture, steps of depth, and the picture of the glasses test."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import attrs
@@ -13,6 +14,7 @@ from lfpipe.render.ui.glasses import glasses_test
 from lfpipe.render.ui.notices import SHOWN_NS, Notices
 from lfpipe.render.ui.recording import RecordingIndicator
 from lfpipe.render.ui.scenes import SceneLoader
+from lfpipe.sequence.folder import MANIFEST
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.control import Answer
 
@@ -51,13 +53,34 @@ def test_glasses_test_gives_screens_of_two_views_both(anaglyph: Anaglyph) -> Non
     assert picture.shape == (200, 320, 3) and pair is not None and (pair[0] != pair[1]).any()
 
 
-def test_a_slow_start_of_a_recording_is_shown_at_once() -> None:
+@pytest.mark.parametrize("paused", [False, True])
+def test_a_recording_starts_at_once_and_resumes(
+    paused: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    monkeypatch.setenv("XDG_VIDEOS_DIR", str(tmp_path / "Videos"))
     notices = Notices()
+    asked: list[tuple[str, str]] = []
     context = SimpleNamespace(
-        options=SimpleNamespace(record=""), request=lambda word, **words: None
+        options=SimpleNamespace(record=""),
+        paused=paused,
+        request=lambda word, path="": asked.append((word, path)),
     )
-    RecordingIndicator(context, notices).toggle()  # type: ignore[arg-type]
-    assert notices.lines(now_ns(), []) == ("the recording starts",)
+    recording = RecordingIndicator(context, notices)  # type: ignore[arg-type]
+    recording.toggle()
+    assert notices.lines(now_ns(), []) == (paused * "resumed: " + "the recording starts",)
+    *before, (word, path) = asked
+    assert before == [("resume", "")] * paused and word == "record"
+    assert Path(path).parent == tmp_path / "Videos" and Path(path).parent.is_dir()
+    context.options.record = path
+    recording.update(0)
+    context.options.record = ""
+    recording.update(1)
+    assert not any(path in line for line in notices.lines(now_ns(), [])), "it is still written"
+    Path(path).mkdir()
+    (Path(path) / MANIFEST).touch()
+    recording.update(2)
+    assert any(Path(path).name in line for line in notices.lines(now_ns(), []))
 
 
 def loader(notices: Notices, **more: object) -> tuple[SceneLoader, list[dict[str, object]]]:

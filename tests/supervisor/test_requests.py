@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 
 from lfpipe.config import Scene, SceneSummary, user_file
-from lfpipe.config.modes import MouseViewer, NoViewer
+from lfpipe.config.modes import CameraViewer, MouseViewer, NoViewer, Window
 from lfpipe.errors import UserError
 from lfpipe.scene.open_scene import PackerRequest
 from lfpipe.supervisor.file_checks import FileCheck
@@ -246,6 +246,42 @@ def test_on_load_takes_the_scenes_of_a_folder_as_the_playlist() -> None:
     assert reply.state.options.playlist_at == 0
     back = reply.state.rolled_back().options
     assert (back.playlist, back.playlist_at) == (("/a", "/b", "/c"), 2)
+
+
+def test_paused_session_refuses_a_recording_that_would_stay_empty() -> None:
+    paused = made_state().changed(paused=True)
+    with pytest.raises(UserError, match="nothing would be recorded"):
+        respond(paused, {"cmd": "record", "path": "/r"}, 0)
+
+
+@pytest.mark.parametrize(
+    ("state", "why"),
+    [
+        (made_state(record="/r"), "being recorded"),
+        (made_state(viewer=NoViewer()), "single view"),
+        (made_state(), "no mouse"),
+        (made_state(display=Window(lock_code="code")), "no mouse"),
+    ],
+)
+def test_viewer_is_not_exchanged_where_there_is_none(state: SessionState, why: str) -> None:
+    with pytest.raises(UserError, match=why):
+        respond(state, {"cmd": "viewer", "source": "mouse"}, 0)
+
+
+def test_viewer_is_exchanged_by_the_mouse_and_after_a_check_by_a_camera() -> None:
+    state = made_state(display=Window())
+    by_mouse = respond(state, {"cmd": "viewer", "source": "mouse"}, 0).state
+    assert by_mouse is not None and by_mouse.options.viewer == MouseViewer()
+    message = {"cmd": "viewer", "source": "camera:0"}
+    checked = respond(by_mouse, message, 0).check
+    assert checked is not None and (checked.check, checked.source) == ("viewer", "camera:0")
+    found = {"source": "camera:/dev/video0", "rate_hz": 30.0, "jpeg_px": [640, 480]}
+    by_camera = respond_checked(by_mouse, message, found, 0).state
+    assert by_camera is not None
+    assert by_camera.options.viewer == CameraViewer(
+        source="camera:/dev/video0", rate_hz=30.0, jpeg_px=(640, 480)
+    )
+    assert by_camera.rolled_back().options.viewer == state.options.viewer
 
 
 def test_respond_checked_respects_what_was_done_meanwhile() -> None:

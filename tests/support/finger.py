@@ -2,9 +2,10 @@
 
 import attrs
 
-from lfpipe.render.display.overlay import NO_EVENT, Event
-from lfpipe.render.display.window import TEXT_PX
+from lfpipe.render.display.overlay import Event
+from lfpipe.render.display.window import letters_px
 from lfpipe.render.ui.keys import bar_items
+from lfpipe.render.ui.look import NOT_LIT
 from lfpipe.render.ui.overlay_view import ItemPanel, bar_panel
 from tests.support.world import World
 from tests.support.xvfb_screen import Screen, outline
@@ -30,6 +31,10 @@ class Finger:
     def size_px(self) -> tuple[int, int]:
         return self.place[2:]
 
+    @property
+    def text_px(self) -> int:
+        return round(letters_px(self.screen.picture().shape[0]))
+
     def tap(self, x: int, y: int) -> None:
         left, top, _, _ = self.place
         self.world.xdotool("mousemove", left + x, top + y, "click", 1)
@@ -42,7 +47,7 @@ class Finger:
 
     def bar(self, recording: bool = False, paused: bool = False) -> ItemPanel:
         items = bar_items(0.0, recording, paused, self.without)
-        return bar_panel(items, NO_EVENT, self.size_px, TEXT_PX)
+        return bar_panel(items, NOT_LIT, self.size_px, self.text_px)
 
     def use_bar(self, event: str, recording: bool = False, paused: bool = False) -> None:
         """A tap on the picture brings the bar; another one chooses."""

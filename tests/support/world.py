@@ -140,6 +140,8 @@ class World:
             "XDG_CACHE_HOME": "cache",
             "XDG_CONFIG_HOME": "settings",
             "XDG_STATE_HOME": "state",
+            "XDG_PICTURES_DIR": "pictures",
+            "XDG_VIDEOS_DIR": "videos",
         }
         own = {key: str(root / name) for key, name in names.items()} | {
             "XDG_RUNTIME_DIR": str(self.run_dir)

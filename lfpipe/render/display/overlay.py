@@ -41,6 +41,8 @@ class Item:
     """Position of a slider, 0 to 1; its event carries the new one."""
     warns: bool = False
     """Whether the label is red."""
+    off: bool = False
+    """Whether it keeps its place without an effect."""
 
 
 @attrs.frozen
@@ -62,18 +64,24 @@ class Overlay:
     """The overlay. Esc, and the × button of text panels and menus, emit "close"."""
 
     lines: tuple[str, ...] = ()
-    """At the top left; text after a tab forms a second column."""
+    """At the top left; in the middle if they name keys, each followed by a tab."""
     items: tuple[Item, ...] = ()
-    """A row of entries below the lines, which then are at the bottom."""
+    """Entries below the lines, which then are at the bottom."""
     inset: NDArray[np.uint8] | None = attrs.field(default=None, eq=id)
     """A small picture below the lines, uint8 (height, width, 3) BGR."""
     notices: tuple[str, ...] = ()
     """Each in a panel of its own at the bottom, the first on top."""
+    scene: str = ""
+    """Its name at the top left, with the bar or a progress."""
+    step: str = ""
+    """What is being done with the scene."""
     progress: float | None = None
-    """Length of a thin line along the bottom, as a share of the width."""
+    """Share of the step that is done."""
+    viewer: str = ""
+    """Who looks, at the top right, with the bar."""
     menu: Menu | None = None
     bar: tuple[Item, ...] = ()
-    """At the bottom, while the pointer is there or rests."""
+    """At the bottom, while the pointer is there or rests: its entries keep their places."""
     recording: str = ""
     """Text beside a red dot at the top right."""
 

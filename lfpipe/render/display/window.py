@@ -3,6 +3,7 @@ the times of display.
 """
 
 import contextlib
+import math
 import time
 from collections.abc import Sequence
 from typing import Protocol
@@ -20,12 +21,15 @@ from lfpipe.render.display.monitors import find_monitor, monitors
 from lfpipe.render.display.overlay import Event, Overlay
 from lfpipe.render.display.painters import Panel, open_painter
 from lfpipe.render.display.window_system import open_presentation, pygame
+from lfpipe.render.display.zoom import Zoom
 from lfpipe.render.synthesis.pair_layout import Pair, arrange_stereo_pair
 
 USUAL_MM = 531.0  # width of a 24-inch screen of 16:9, for monitors that report no size
-# of the monitor's height: TEXT_PX is too small on a fine monitor
-TEXT_PX = 22
-TEXT_SHARE = 1 / 50
+# least height of a line of text: its letters have 15 px; and its share of the monitor's height: 17
+# px on one of 1080 rows, as elsewhere on a desktop
+TEXT_PX = 20
+TEXT_SHARE = 23 / 1080
+DOUBLE_S, DOUBLE_PX = 0.4, 8  # between two presses of a double click, as on most desktops
 BUTTONS = {1: "left", 3: "right"}
 MOUSE = (pygame.MOUSEMOTION, pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP, pygame.MOUSEWHEEL)
 RESIZED = (pygame.WINDOWSIZECHANGED, pygame.WINDOWDISPLAYCHANGED)
@@ -45,6 +49,11 @@ NAMES = {
     pygame.K_RETURN: "enter",
     pygame.K_KP_ENTER: "enter",
 }
+
+
+def letters_px(monitor_px: int) -> float:
+    """The height of a line of text on a monitor of that height."""
+    return max(TEXT_PX, TEXT_SHARE * monitor_px)
 
 
 LEAVE_FULLSCREEN = Event("leave-fullscreen")  # Esc where it closes nothing
@@ -105,6 +114,9 @@ class ScreenWindow(Display):
         self._shown: tuple[NDArray[np.uint8], Pair | None, str] | None = None
         self._laid: NDArray[np.uint8] | None = None
         self._view = view
+        self._zoom = Zoom()
+        self._pans = False  # a drag with the left button
+        self._pressed_s, self._pressed_at = -math.inf, (0, 0)  # the last press of the left button
         self._drawn: Sequence[Panel] = ()
         # of the picture, and of the submission: a picture may be drawn again
         self._number = self._handed = 0
@@ -202,10 +214,11 @@ class ScreenWindow(Display):
         return fit_area(picture_px, self._painter.size_px())[2:]
 
     def width_mm(self) -> float | None:
+        shown_px = self._shown_px * self._zoom.factor
         if self.monitor.pixel_mm:
-            return self._shown_px * self.monitor.pixel_mm
+            return shown_px * self.monitor.pixel_mm
         scaled = self._painter.size_px()[0] / self._window.size[0]
-        return self._shown_px / (self.monitor.width * scaled) * USUAL_MM
+        return shown_px / (self.monitor.width * scaled) * USUAL_MM
 
     def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
         """Returns the time at which the window system accepted the picture."""
@@ -218,17 +231,20 @@ class ScreenWindow(Display):
         """Draws picture and overlay. again: also if neither has changed."""
         pygame.mouse.set_visible(not self._fullscreen or self._view.has_pointer)
         window_px = self._painter.size_px()
-        text_px = round(
-            max(TEXT_PX, TEXT_SHARE * self.monitor.height) * window_px[0] / self._window.size[0]
-        )
+        scaled = window_px[0] / self._window.size[0]
+        text_px = round(letters_px(self.monitor.height) * scaled)
         panels = self._view.panels(window_px, text_px)
         unchanged = panels == self._drawn
         self._drawn = panels
         if self._shown is None or (unchanged and not again):
             return
         picture, pair, how = self._shown
+        part = self._zoom.part(*picture.shape[:2])
+        picture = picture[part]
         self._shown_px = fit_area((picture.shape[1], picture.shape[0]), window_px)[2]
         if pair is not None:
+            left, right = (view[self._zoom.part(*view.shape[:2])] for view in pair)
+            pair = left, right
             # the row of the screen on which the window begins, negative above its top
             first_row = 0 if self._fullscreen else self._window.position[1] - self.monitor.y
             picture = self._laid = arrange_stereo_pair(pair, how, window_px, first_row, self._laid)
@@ -250,6 +266,7 @@ class ScreenWindow(Display):
         events = list[Event]()
         again = False
         self.pointer = attrs.evolve(self.pointer, wheel=0)
+        zoom = attrs.evolve(self._zoom)
         for native in window_system.take_events():
             if native.type in RESIZED:
                 self._find_monitor()
@@ -263,7 +280,7 @@ class ScreenWindow(Display):
             if event.name == "fullscreen":
                 self._toggle()
                 again = True
-        self._draw(again)
+        self._draw(again or self._zoom != zoom)
         return events
 
     def _event(self, native: pygame.Event) -> Event | None:
@@ -302,22 +319,62 @@ class ScreenWindow(Display):
 
     def _mouse(self, native: pygame.Event) -> Event | None:
         """Moves the pointer; what a click or a touch means."""
+        before = self._at_shown()
+        if native.type == pygame.MOUSEWHEEL and not self.pointer.right:
+            self._zoom.turn(native.y, before)
+            return None
         self._point(native)
         x_px, y_px = self._painter.size_px()
         at_px = round(self.pointer.x * x_px), round(self.pointer.y * y_px)
         event = self._view.mouse(native, at_px)
+        if native.type == pygame.MOUSEBUTTONUP:
+            self._pans = False
         if event is not None and event.name:
             # a click, and no drag of the view
             self.pointer = attrs.evolve(self.pointer, left=False)
-        elif (
-            native.type == pygame.MOUSEBUTTONDOWN and native.button == 1 and self._shown is not None
-        ):
-            rows, cols = self._shown[0].shape[:2]
-            left, top, width, height = fit_area((cols, rows), (x_px, y_px))
-            x = (self.pointer.x * x_px - left) * cols / width
-            y = (self.pointer.y * y_px - top) * rows / height
-            return Event("click", at_px=(x, y))
+        elif native.type == pygame.MOUSEBUTTONDOWN and native.button == 1:
+            return self._press(at_px)
+        elif self._pans:
+            after = self._at_shown()
+            self._zoom.drag((after[0] - before[0], after[1] - before[1]))
         return event
+
+    def _press(self, at_px: tuple[int, int]) -> Event | None:
+        """A press of the left button on the picture: a click, perhaps the second one or the start
+        of a drag.
+        """
+        now_s = time.monotonic()
+        is_second = (
+            now_s - self._pressed_s < DOUBLE_S and math.dist(at_px, self._pressed_at) < DOUBLE_PX
+        )
+        self._pressed_s, self._pressed_at = now_s, at_px
+        if is_second:
+            self._zoom.reset()
+        self._pans = self._zoom.active
+        if self._pans:
+            self.pointer = attrs.evolve(self.pointer, left=False)
+        if self._shown is None:
+            return None
+        rows, cols = self._shown[0].shape[:2]
+        down, across = self._zoom.part(rows, cols)
+        x, y = self._at_shown()
+        at = (
+            across.start + x * (across.stop - across.start),
+            down.start + y * (down.stop - down.start),
+        )
+        return Event("click", at_px=at)
+
+    def _at_shown(self) -> tuple[float, float]:
+        """The pointer as shares of what is shown of the picture; beyond 0 to 1 beside it."""
+        if self._shown is None:
+            return self.pointer.x, self.pointer.y
+        rows, cols = self._shown[0].shape[:2]
+        size_px = self._painter.size_px()
+        left, top, width, height = fit_area((cols, rows), size_px)
+        return (
+            (self.pointer.x * size_px[0] - left) / width,
+            (self.pointer.y * size_px[1] - top) / height,
+        )
 
     def title(self, name: str) -> None:
         self._title = self._window.title = f"lfpipe: {window_system.drawable(name)}"

@@ -2,18 +2,21 @@
 key.
 """
 
+import math
 import time
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
+
+import platformdirs
 
 from lfpipe.render.display.file_display import save
 from lfpipe.render.display.overlay import Event
 from lfpipe.render.ui.controller import Ui
 from lfpipe.render.ui.glasses import GHOST
 from lfpipe.render.ui.keys import DEPTH
-from lfpipe.render.ui.notices import SHOWN_NS
-from lfpipe.render.ui.recording import picture_folder
+from lfpipe.render.ui.notices import SHOWN_NS, VIEWERS
+from lfpipe.render.ui.recording import user_folder
 
 Action = Callable[[Ui, Event], None]
 ALPHA_FACTOR = 1.1  # hardly visible at once, twice the parallax in seven steps
@@ -51,9 +54,20 @@ def _wear(ui: Ui, event: Event) -> None:
         ui.open_page(ui.glasses_test)
 
 
-def _compensate_ghost(ui: Ui, _event: Event, step: float) -> None:
-    """Adjusts ghost compensation while the glasses test is open."""
-    if ui.page is ui.glasses_test:
+def _look(ui: Ui, event: Event) -> None:
+    """Asks for another viewer."""
+    ui.close_page()
+    own = ui.context.config.camera.source
+    camera = "" if own.startswith("demo") or own == "mouse" else own
+    ui.notices.show("viewer", f"starting: {VIEWERS[event.text].lower()}")
+    ui.context.request("viewer", source=camera if event.text == "camera" else event.text)
+
+
+def _arrow(ui: Ui, _event: Event, step: float) -> None:
+    """Adjusts ghost compensation while the glasses test is open, else shows another scene."""
+    if ui.page is not ui.glasses_test:
+        ui.scenes.step(int(math.copysign(1, step)))
+    else:
         ghost = ui.context.config.render.ghost_compensation + step
         ui.settings.set(ghost_compensation=min(max(ghost, 0.0), 100.0))
 
@@ -61,7 +75,9 @@ def _compensate_ghost(ui: Ui, _event: Event, step: float) -> None:
 def _save_picture(ui: Ui, _event: Event) -> None:
     picture = ui.presenter.saved_picture()
     if picture is not None:
-        path = picture_folder() / time.strftime("lfpipe-%Y%m%d-%H%M%S.png")
+        path = user_folder(platformdirs.user_pictures_path()) / time.strftime(
+            "lfpipe-%Y%m%d-%H%M%S.png"
+        )
         text = save(path, picture) or f"picture saved as {path}"
         ui.context.notify(text)
         ui.notices.show("picture", text)
@@ -77,6 +93,8 @@ ACTIONS: Mapping[str, Action] = {
     "help": lambda ui, _: ui.open_page(ui.help_page),
     "choose": lambda ui, _: ui.open_page(ui.scene_page),
     "which": lambda ui, _: ui.open_page(ui.glasses_question),
+    "who": lambda ui, _: ui.open_page(ui.viewer_page),
+    "look": _look,
     "glasses": lambda ui, _: ui.open_page(ui.glasses_test),
     "close": lambda ui, _: ui.close_page(),
     # settings
@@ -91,8 +109,8 @@ ACTIONS: Mapping[str, Action] = {
     DEPTH: lambda ui, event: ui.settings.set(alpha_px="auto", depth=event.value),
     # glasses
     "wear": _wear,
-    "more": partial(_compensate_ghost, step=GHOST_STEP),
-    "less": partial(_compensate_ghost, step=-GHOST_STEP),
+    "more": partial(_arrow, step=GHOST_STEP),
+    "less": partial(_arrow, step=-GHOST_STEP),
     GHOST: lambda ui, event: ui.settings.set(ghost_compensation=round(100 * event.value)),
     # scenes and recordings
     "load": _load,

@@ -8,22 +8,40 @@ from collections.abc import Callable, Mapping
 
 import attrs
 
+from lfpipe.config.modes import Window
 from lfpipe.render.display.display import Display
 from lfpipe.render.display.open_display import HINT
 from lfpipe.render.display.overlay import Event, Item, Overlay
 from lfpipe.render.presenter import Presenter
 from lfpipe.render.ui.keys import CLOSING, DEPTH, bar_items
-from lfpipe.render.ui.notices import ChangeNotices, Notices, standing_notices
-from lfpipe.render.ui.pages import GlassesQuestion, GlassesTest, Help, MetricsPage, Page
+from lfpipe.render.ui.notices import (
+    VIEWERS,
+    ChangeNotices,
+    Notices,
+    standing_notices,
+    viewer_kind,
+    viewer_name,
+)
+from lfpipe.render.ui.pages import (
+    GlassesQuestion,
+    GlassesTest,
+    Help,
+    MetricsPage,
+    Page,
+    RecordedFace,
+    ViewerPage,
+)
 from lfpipe.render.ui.recording import RecordingIndicator
 from lfpipe.render.ui.scenes import NO_OTHER, SceneLoader, ScenePage
 from lfpipe.render.ui.settings import Settings
 from lfpipe.render.viewer.mouse_look import MouseLook
 from lfpipe.render.viewer.viewer import Viewer
+from lfpipe.scene.demo import NAMES
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.control import Answer
 
+LOOKING = {VIEWERS["mouse"]: "move the mouse to look around"}  # name of a viewer -> notice
 HINT_NS = 6 * SECOND_NS  # after the user has looked at the scene
 
 
@@ -50,6 +68,7 @@ class Ui:
         self.scene_page = ScenePage(context)
         self.metrics_page = MetricsPage(context, viewer, presenter)
         self.help_page = Help()
+        self.viewer_page = ViewerPage(context)
         self.glasses_question = GlassesQuestion(context)
         self.glasses_test = GlassesTest(context, presenter, self.settings)
         self._mouse = mouse
@@ -61,12 +80,21 @@ class Ui:
             self.glasses_question if context.options.ask_glasses and first else None
         )
         """The page over the picture."""
-        # the page of scenes opens after the question and the test of the glasses
-        self._scenes_wait = context.options.start and first
-        if not (context.options.lock_code or self.page or self._scenes_wait):
+        # opens after the question and the test of the glasses
+        self._waiting = self._first_page() if first else None
+        if not (context.options.lock_code or self.page or self._waiting):
             self.notices.show("hint", HINT, HINT_NS)
         self._changes.ask_about_depth()
         self._set_overlay(now_ns())  # keys that are pressed now are for the menu
+
+    def _first_page(self) -> Page | None:
+        """The page that a session begins with, beside the question about the glasses."""
+        options = self.context.options
+        if options.start:
+            return self.scene_page
+        is_demo = viewer_kind(options.viewer) == "demo" and self.viewer.field.name in NAMES
+        can_choose = isinstance(options.display, Window) and not options.lock_code
+        return RecordedFace() if is_demo and can_choose else None
 
     def serve(self) -> None:
         """Handles the events since the last call and updates the overlay."""
@@ -93,6 +121,9 @@ class Ui:
         """Handles the answer to a request of the window."""
         if answer.cmd in ("load", "dialog") or not answer.ok:
             self.scenes.handle(answer)
+        elif answer.cmd == "viewer":
+            who = viewer_name(self.context.options.viewer)
+            self.notices.show("viewer", LOOKING.get(who, f"viewer: {who}"))
         elif answer.cmd == "keep" and "values" in answer.values:
             self.notices.show("kept", self.settings.kept_text(answer.values["values"]))
 
@@ -105,7 +136,7 @@ class Ui:
         before = self.page
         self.close_page()
         if page is not before:
-            self._scenes_wait = self._scenes_wait and page is not self.scene_page
+            self._waiting = None if page is self._waiting else self._waiting
             self.page = page
             page.open()
 
@@ -125,8 +156,8 @@ class Ui:
                 self.context.notify(notice.text)
 
     def _set_overlay(self, t_ns: int) -> None:
-        if self._scenes_wait and self.page is None:
-            self.open_page(self.scene_page)
+        if self._waiting is not None and self.page is None:
+            self.open_page(self._waiting)
         standing = [
             self.scenes.status(t_ns),
             *standing_notices(self.context, self._display.knows_rows),
@@ -135,7 +166,10 @@ class Ui:
             attrs.evolve(
                 self.page.overlay(t_ns) if self.page else Overlay(),
                 notices=self.notices.lines(t_ns, standing),
+                scene=self.viewer.field.name,
+                step=self.scenes.working,
                 progress=self.scenes.progress,
+                viewer=viewer_name(self.context.options.viewer),
                 bar=self._bar(),
                 recording=self.recording.status,
             )

@@ -17,51 +17,60 @@ class Key:
     """Names of actions (`lfpipe.render.ui.actions.ACTIONS`), one for each key."""
     help: str
     label: str = ""
-    """Label of the entry in the bar; empty: no entry."""
+    """Label of the entry in the bar, and after "|" its other one; empty: no entry."""
 
 
 DEPTH = "depth"  # the slider of the bar: 0 for comfort to 1 for true depth
-KEYS = (
-    Key("Tab", "choose", "choose a scene by its picture", "Scene"),
-    Key("l", "open", "open a folder of views", "Open folder"),
-    Key("i", "open-file", "open a light field in one file", "Open file"),
-    Key("e", "which", "choose your glasses", "Glasses"),
-    Key("+ -", "alpha+ alpha-", "more, less parallax when you move", "Depth"),
-    Key("d", "invert-depth", "invert depth: swap near and far", "Near/far"),
-    Key("c", "recentre", "make your current position the centre", "Recentre"),
-    Key("p", "freeze", "pause or resume (space)", "Pause"),
-    Key("o", "overlay", "show or hide rate, latency and views", "Metrics"),
-    Key("r", "record", "start or stop recording the camera", "Record camera"),
-    Key("s", "screenshot", "save the picture", "Save picture"),
-    Key(
-        "f",
-        "fullscreen",
-        "full screen on and off (F11); Esc closes the overlay, then leaves full screen",
-        "Full screen",
+GROUPS = {
+    "Scene": (
+        Key("Tab", "choose", "choose a scene", "Scenes"),
+        Key("l", "open", "open a folder of views", "Open folder"),
+        Key("i", "open-file", "open a file", "Open file"),
+        Key("PgDn PgUp", "next previous", "next, previous scene (→ ←)"),
     ),
-    Key("h", "help", "show or hide this help (?)", "Help"),
-    Key("] [", "depth+ depth-", "move the scene back, forward", ""),
-    Key("a", "automatic", "depth and parallax automatic again"),
-    Key("m", "mode", "next colour mode"),
-    Key("g", "glasses", "glasses test: does each eye see its own letter?"),
-    Key("x", "swap", "swap the eyes"),
-    Key("PgDn PgUp", "next previous", "next, previous scene of the list"),
-    Key("q", "quit", "quit"),
-)
+    "View": (
+        Key("e", "which", "choose your glasses", "Glasses"),
+        Key("v", "who", "choose who looks", "Viewer"),
+        Key("+ -", "alpha+ alpha-", "more, less parallax", "Depth"),
+        Key("d", "invert-depth", "swap near and far", "Near/far"),
+        Key("c", "recentre", "centre on where you are", "Centre"),
+        Key("p", "freeze", "pause, resume (space)", "Pause|Resume"),
+        Key("f", "fullscreen", "full screen (F11, Esc)", "Full screen"),
+        Key("] [", "depth+ depth-", "scene back, forward"),
+        Key("a", "automatic", "automatic depth"),
+        Key("m", "mode", "next colour mode"),
+        Key("g", "glasses", "test the glasses"),
+        Key("x", "swap", "swap the eyes"),
+    ),
+    "Record": (
+        Key("r", "record", "record the camera", "Record|Stop"),
+        Key("s", "screenshot", "save the picture", "Save"),
+    ),
+    "Help": (
+        Key("o", "overlay", "rates and latency", "Metrics"),
+        Key("h", "help", "these keys (?)", "Help"),
+        Key("q", "quit", "quit"),
+    ),
+}
+KEYS = tuple(row for rows in GROUPS.values() for row in rows)
 ACTION_OF = {
     key: action
     for row in KEYS
     for key, action in zip(row.keys.split(), row.actions.split(), strict=True)
 }
-HELP = tuple(f"{row.keys}\t{row.help}" for row in KEYS)
+HELP = tuple(
+    line
+    for group, rows in GROUPS.items()
+    for line in (group, *(f"{row.keys}\t{row.help}" for row in rows), "")
+)[:-1]
 CLOSE = Item("×", Event("close"))
+# of the bar's entries: row, group and its labels
+_EVENTS = {row: DEPTH if row.label == "Depth" else row.actions for row in KEYS if row.label}
+TIPS = {event: row.help for row, event in _EVENTS.items()} | {DEPTH: "from comfort to true depth"}
+GROUP_OF = {_EVENTS[row]: group for group, rows in GROUPS.items() for row in rows if row.label}
+LABELS = {event: tuple(row.label.split("|")) for row, event in _EVENTS.items()}
 # entries of the bar that close a page; the others open another one
-CLOSING = {DEPTH} | {row.actions for row in KEYS if row.label} - {
-    "choose",
-    "which",
-    "help",
-    "overlay",
-}
+CLOSING = set(LABELS) - {"choose", "which", "who", "help", "overlay"}
 
 
 @lru_cache(2)
@@ -69,12 +78,15 @@ def bar_items(
     depth: float, recording: bool, paused: bool, without: frozenset[str]
 ) -> tuple[Item, ...]:
     """The bar. depth: position of the slider. without: actions that the session does not have."""
-    entries = {
-        row.actions: Item(row.label, Event(row.actions), row.keys) for row in KEYS if row.label
-    }
-    entries["alpha+ alpha-"] = Item("comfort    Depth    true", Event(DEPTH), slider=depth)
-    if recording:
-        entries["record"] = Item("Stop recording", Event("record"), "r", warns=True)
-    if paused:
-        entries["freeze"] = Item("Resume", Event("freeze"), "p")
-    return tuple(item for item in entries.values() if item.event.name not in without)
+    second = {"record": recording, "freeze": paused}
+    return tuple(
+        Item(
+            LABELS[event][second.get(event, False)],
+            Event(event),
+            "" if event == DEPTH else row.keys,
+            slider=depth if event == DEPTH else None,
+            warns=event == "record" and recording,
+            off=event in without,
+        )
+        for row, event in _EVENTS.items()
+    )

@@ -1,7 +1,8 @@
 """Notices over the picture, and the lines of key o: rates, latency, depth and the views on show."""
 
 from lfpipe.config import Render
-from lfpipe.config.modes import Window
+from lfpipe.config.modes import CameraViewer, MouseViewer, NoViewer, Window
+from lfpipe.config.modes import Viewer as ViewerKind
 from lfpipe.config.quality import level_number
 from lfpipe.notices import NoticeKind, latency_lines, notices
 from lfpipe.render.synthesis.zero_plane import zero_plane_px
@@ -29,6 +30,26 @@ GLASSES = {  # value of render.anaglyph -> its glasses
     "side-by-side": "a 3D television, side by side",
     "row-interleaved": "a 3D screen, row by row",
 }
+
+
+VIEWERS = {"camera": "My camera", "mouse": "Mouse", "demo": "Recorded face"}
+
+
+def viewer_kind(viewer: ViewerKind) -> str:
+    """A key of VIEWERS, or "" for nobody."""
+    match viewer:
+        case MouseViewer():
+            return "mouse"
+        case CameraViewer(source=source) if not source.startswith("demo"):
+            return "camera"
+        case NoViewer():
+            return ""
+    return "demo"
+
+
+def viewer_name(viewer: ViewerKind) -> str:
+    """Who looks, for people; "" for nobody."""
+    return VIEWERS.get(viewer_kind(viewer), "")
 
 
 class Notices:

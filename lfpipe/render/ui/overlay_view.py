@@ -6,6 +6,7 @@ equal calls of a panel's function in a row return the same panel.
 
 import math
 import time
+from collections.abc import Sequence
 from functools import lru_cache
 
 import attrs
@@ -15,9 +16,27 @@ from lfpipe.files.decoding import fit_area
 from lfpipe.render.display.overlay import NO_EVENT, Event, Item, Menu, Overlay
 from lfpipe.render.display.painters import Panel
 from lfpipe.render.display.window_system import drawable, font, pygame
-from lfpipe.render.ui.keys import ACTION_OF, CLOSE
+from lfpipe.render.ui.keys import ACTION_OF, CLOSE, GROUP_OF, LABELS, TIPS
+from lfpipe.render.ui.look import (
+    ACCENT,
+    BORDER,
+    CARD,
+    CONTROL_UNITS,
+    ICONS,
+    NOT_LIT,
+    OFF,
+    RED,
+    SECOND,
+    TEXT,
+    Lit,
+    Place,
+    badge,
+    draw_card,
+    icon,
+    panel_surface,
+    unit_px,
+)
 
-Place = tuple[int, int]
 Cell = tuple[Item, pygame.Rect]
 BAR_S = 3.0  # how long the bar stays: time to read its entries
 REST_S = 0.5  # people who look around with the mouse pause for less
@@ -35,28 +54,19 @@ KEY_ACTIONS = ACTION_OF | {
     "pageup": "previous",
 }
 PAGES = (("◀", "pageup"), ("▶", "pagedown"))  # labels and keys of the previous and next page
-PRESSED = (pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP)
-WHITE = (255, 255, 255)
-GREY = (170, 170, 170)
-RED = (255, 90, 90)
-BACK = (0, 0, 0, 200)
-LIT = (90, 90, 90, 220)
-TEXT_BACK = (0, 0, 0, 160)
-# from the window's edge, around text; height of the line of progress
-EDGE_PX, PAD_PX, PROGRESS_PX = 12, 8, 4
-GAP_PX = 2  # between two notices
+PRESSED_OR_NOT = (pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP)
+EDGE_PX = 12  # from the window's edge
+GAP_PX = 4  # between two notices
 MIN_TEXT_PX = 12  # still legible
 # of the window that lines of text may take: the picture below stays visible
 TEXT_SHARE = 0.94
-COLUMN = "PgDn PgUpM"  # as wide as the keys of the help
-# of the height, at most: not the middle; width of a window for two rows, in text heights; and the
-# least size of letters in two rows
-BAR_SHARE, BAR_LETTERS, BAR_TEXT_PX = 0.3, 40, 14
-SLIDER_CELLS = 2  # width of a slider in the bar: a pixel is about a percent in a small window
+HEADING = 1.25  # size of a heading over that of its text
+SLIDER_CELLS = 2  # width of a slider over that of an entry: a pixel is about a percent
 # Of the window, at most; cells across, at most, and their least size in lines of text: a picture
 # says more than its label.
-MENU_SHARE, MENU_COLS, CELL_LINES = 0.9, 5, 6
+MENU_SHARE, MENU_COLS, CELL_LINES = 0.92, 5, 5
 CELL_SHAPE = 0.75  # height over width of a cell's picture, at most: most cameras' views fill it
+CHIP_LETTERS = 12  # width of a progress over the size of letters: "measuring depth, 100 %" fits
 
 
 @attrs.frozen(eq=False, kw_only=True)
@@ -81,67 +91,277 @@ class ItemPanel(Panel):
             None,
         )
 
+    @property
+    def top_px(self) -> int:
+        return self.at[1]
+
+    @property
+    def bottom_px(self) -> int:
+        return self.at[1] + self.surface.get_height()
+
 
 def _groove(rect: pygame.Rect) -> pygame.Rect:
     """Where a slider moves in its item's rectangle."""
     return rect.inflate(-0.2 * rect.width, 0)
 
 
-def _span(item: Item) -> int:
-    return 1 if item.slider is None else SLIDER_CELLS
+def _draw_slider(surface: pygame.Surface, item: Item, rect: pygame.Rect, y: int, unit: int) -> None:
+    groove = _groove(rect)
+    at = groove.left + round((item.slider or 0.0) * groove.width)
+    line = max(3, unit // 2)
+    pygame.draw.line(surface, OFF, (groove.left, y), (groove.right, y), line)
+    pygame.draw.line(surface, OFF if item.off else ACCENT, (groove.left, y), (at, y), line)
+    pygame.draw.aacircle(surface, SECOND if item.off else TEXT, (at, y), max(6, unit))
 
 
-def _cells(items: tuple[Item, ...], cols: int, width: int, height: int, top: int = 0) -> list[Cell]:
-    """The items in rows of cols cells of that size, below top; a slider takes SLIDER_CELLS."""
-    cells: list[Cell] = []
-    col = row = 0
-    for item in items:
-        span = min(_span(item), cols)
-        if col + span > cols:
-            col = 0
-            row = row + 1
-        cells.append((item, pygame.Rect(col * width, top + row * height, span * width, height)))
-        col += span
-    return cells
+def _flow(widths: Sequence[int], room_px: int, height: int, gap: int) -> list[pygame.Rect]:
+    """Rectangles of those widths beside each other, in as many rows as they need."""
+    rects = list[pygame.Rect]()
+    x = y = 0
+    for width in widths:
+        if x and x + width > room_px:
+            x, y = 0, y + height + gap
+        rects.append(pygame.Rect(x, y, width, height))
+        x += width + gap
+    return rects
 
 
-def _cross(width: int, line: int) -> Cell:
-    """The cross in the top right corner of a panel of that width: two lines of text, for a
-    finger.
-    """
-    return CLOSE, pygame.Rect(width - 2 * line, 0, 2 * line, 2 * line)
+def _cross(width: int, unit: int) -> Cell:
+    """The cross in the top right corner of a panel of that width, for a finger."""
+    side = CONTROL_UNITS * unit
+    return CLOSE, pygame.Rect(width - side - unit // 2, unit // 2, side, side)
 
 
-def _draw_item(
-    surface: pygame.Surface, letters: pygame.font.Font, item: Item, rect: pygame.Rect, lit: bool
+def _draw_button(
+    surface: pygame.Surface,
+    letters: pygame.font.Font,
+    item: Item,
+    rect: pygame.Rect,
+    lit: Lit,
+    unit: int,
 ) -> None:
-    """Draws a picture, the label below it, and below that the key or the slider."""
-    line = letters.get_linesize()
-    label = drawable(item.label)
-    if lit:
-        surface.fill(LIT, rect)
-        pygame.draw.rect(surface, WHITE, rect, max(1, line // 10), border_radius=line // 4)
-    room = rect.inflate(-line // 2, -line // 2)
-    while len(label) > 1 and letters.size(label)[0] > room.width:
-        label = label[:-2].rstrip() + "…"
-    below = bool(item.key) or item.slider is not None
-    top = room.bottom - (1 + below) * line
-    for words, colour, y in (
-        (label, RED if item.warns else WHITE, top),
-        (item.key, GREY, top + line),
-    ):
-        text = letters.render(words, True, colour)
-        surface.blit(text, text.get_rect(midtop=(room.centerx, y)))
+    """A label with its key, or above its slider; without a back if it is a single letter."""
+    single = len(item.label) == 1
+    is_lit = item.event == lit.event and not item.off
+    draw_card(surface, rect, unit, is_lit, lit.pressed, plain=None if single else CARD)
+    label = letters.render(drawable(item.label), True, OFF if item.off else TEXT)
     if item.slider is not None:
-        groove = _groove(rect)
-        y = top + line + line // 2
-        pygame.draw.line(surface, GREY, (groove.left, y), (groove.right, y), 4)
-        pygame.draw.circle(
-            surface, WHITE, (groove.left + round(item.slider * groove.width), y), max(5, line // 3)
+        surface.blit(label, label.get_rect(midtop=(rect.centerx, rect.top + unit // 2)))
+        _draw_slider(surface, item, rect, rect.bottom - 3 * unit // 2, unit)
+        return
+    key = badge(item.key, letters, unit) if item.key else None
+    wide = label.get_width() + (key.get_width() + unit if key else 0)
+    place = label.get_rect(midleft=(rect.centerx - wide // 2, rect.centery))
+    surface.blit(label, place)
+    if key is not None:
+        surface.blit(key, key.get_rect(midleft=(place.right + unit, rect.centery)))
+
+
+def _button_px(item: Item, letters: pygame.font.Font, unit: int) -> int:
+    """The width of a button."""
+    key = badge(item.key, letters, unit).get_width() + unit if item.key else 0
+    return max(letters.size(item.label)[0] + key + 3 * unit, 18 * unit * (item.slider is not None))
+
+
+# The bar: icons beside their labels, over them, or alone, the first that fits.
+BESIDE, OVER, ALONE = range(3)
+ICON_SHARE = 0.6  # of the usual place of an icon, at least: still larger than a fingertip needs
+
+
+def _bar_px(item: Item, style: int, letters: pygame.font.Font, unit: int) -> int:
+    """The width of an entry in all its states."""
+    side = CONTROL_UNITS * unit
+    label = max(letters.size(text)[0] for text in LABELS[item.event.name])
+    if item.slider is not None:
+        return SLIDER_CELLS * side + unit if style == ALONE else max(3 * side, label)
+    return (label + 6 * unit, max(side, label + 2 * unit), side)[style]
+
+
+@lru_cache(2)
+def bar_panel(items: tuple[Item, ...], lit: Lit, window_px: Place, text_px: int) -> ItemPanel:
+    """The items at the bottom edge, in groups."""
+    room = window_px[0] - 2 * EDGE_PX
+    letters = font(text_px)
+    unit = unit_px(text_px)
+    starts = [
+        k > 0 and GROUP_OF[item.event.name] != GROUP_OF[items[k - 1].event.name]
+        for k, item in enumerate(items)
+    ]
+    for style in (BESIDE, OVER, ALONE):
+        widths = [_bar_px(item, style, letters, unit) for item in items]
+        rest = room - 2 * unit * (1 + sum(starts))
+        if sum(widths) <= rest:
+            break
+    squeezed = min(1.0, max(ICON_SHARE, rest / sum(widths)))
+    widths = [int(squeezed * width) for width in widths]
+    side = int(squeezed * CONTROL_UNITS * unit) + (style == OVER) * unit
+    cells = list[Cell]()
+    lines = list[pygame.Rect]()
+    x = y = unit
+    for item, wide, begins in zip(items, widths, starts, strict=True):
+        if begins:
+            lines.append(pygame.Rect(x + unit - 1, y + unit, max(1, unit // 8), side - 2 * unit))
+            x += 2 * unit
+        if x + wide > room - unit:
+            x, y = unit, y + side
+        cells.append((item, pygame.Rect(x, y, wide, side)))
+        x += wide
+    width = max(rect.right for _, rect in cells) + unit
+    surface = panel_surface(width, y + side + unit, unit)
+    for line in lines:
+        surface.fill(BORDER, line)
+    for item, rect in cells:
+        _draw_entry(surface, letters, item, rect, lit, style, unit)
+    at = ((window_px[0] - width) // 2, window_px[1] - surface.get_height() - EDGE_PX)
+    return ItemPanel(surface=surface, at=at, cells=cells)
+
+
+def _draw_entry(
+    surface: pygame.Surface,
+    letters: pygame.font.Font,
+    item: Item,
+    rect: pygame.Rect,
+    lit: Lit,
+    style: int,
+    unit: int,
+) -> None:
+    """An entry of the bar: an icon or a slider, and its label."""
+    is_lit = item.event == lit.event and not item.off
+    draw_card(surface, rect, unit, is_lit, lit.pressed, plain=None)
+    colour = RED if item.warns else TEXT
+    if item.off:
+        colour = OFF
+    label = letters.render(item.label, True, colour)
+    middle = rect.centery if style == ALONE else rect.top + 2 * unit
+    if item.slider is not None:
+        _draw_slider(surface, item, rect, middle, unit)
+    else:
+        drawing = icon(item.event.name, 11 * unit // 4, colour)
+        if style == BESIDE:
+            surface.blit(drawing, drawing.get_rect(midleft=(rect.left + unit, rect.centery)))
+            surface.blit(label, label.get_rect(midleft=(rect.left + 9 * unit // 2, rect.centery)))
+        else:
+            surface.blit(drawing, drawing.get_rect(center=(rect.centerx, middle)))
+    if style == OVER or (style == BESIDE and item.slider is not None):
+        surface.blit(label, label.get_rect(midbottom=(rect.centerx, rect.bottom - unit // 2)))
+
+
+@lru_cache(1)
+def tip_panel(item: Item, over: tuple[int, int], window_px: Place, text_px: int) -> ItemPanel:
+    """What an entry of the bar does, and its key. over: the middle of its upper edge."""
+    letters, unit = font(text_px), unit_px(text_px)
+    text = letters.render(f"{item.label}: {TIPS[item.event.name]}", True, TEXT)
+    key = badge(item.key, letters, unit) if item.key else pygame.Surface((0, 0))
+    width = text.get_width() + key.get_width() + 3 * unit
+    surface = panel_surface(width, 5 * unit, unit)
+    surface.blit(text, text.get_rect(midleft=(unit, surface.get_height() // 2)))
+    surface.blit(key, key.get_rect(midright=(width - unit, surface.get_height() // 2)))
+    x = min(max(over[0] - width // 2, EDGE_PX), max(EDGE_PX, window_px[0] - EDGE_PX - width))
+    return ItemPanel(surface=surface, at=(x, over[1] - surface.get_height() - unit))
+
+
+@lru_cache(2)
+def menu_panel(
+    menu: Menu,
+    selected: int,
+    window_px: Place,
+    text_px: int,
+    lit: Lit = NOT_LIT,
+    top_px: int = 0,
+) -> ItemPanel:
+    """The page with the selected item, in the middle of a window of that size, below top_px."""
+    width, height = (round(MENU_SHARE * side) for side in (window_px[0], window_px[1] - top_px))
+    text_px = max(MIN_TEXT_PX, min(text_px, width // 26))
+    letters, unit = font(text_px), unit_px(text_px)
+    line = letters.get_linesize()
+    count = len(menu.items)
+    pad = 2 * unit
+    title = font(round(HEADING * text_px)).render(menu.title, True, TEXT)
+    number = f"{selected + 1} of {count}"
+    side = CONTROL_UNITS * unit
+    hint = letters.render(menu.hint, True, SECOND, None, width - 2 * pad)
+    head_px = pad + max(title.get_height(), side - unit) + hint.get_height() + unit
+    least_px = CELL_LINES * line
+    room = width - 2 * pad + unit, height - head_px - pad + unit
+
+    def picture_px(cols: int) -> float:
+        """Width of a cell's picture where all items are on one page."""
+        return min(room[0] // cols, (room[1] // -(-count // cols) - 3 * line) / CELL_SHAPE)
+
+    cols = max(range(1, min(MENU_COLS, count) + 1), key=picture_px)
+    if picture_px(cols) < least_px:  # then it has several pages
+        cols = max(1, min(MENU_COLS, room[0] // least_px))
+    rows = max(1, min(room[1] // least_px, -(-count // cols)))
+    wide = room[0] // cols
+    high = max(min(room[1] // rows, round(CELL_SHAPE * wide) + 3 * line), line + 3 * unit)
+    page = rows * cols
+    first = selected // page * page
+    surface = panel_surface(width, head_px + rows * high - unit + pad, unit)
+    surface.blit(title, (pad, pad))
+    surface.blit(hint, (pad, head_px - hint.get_height() - unit))
+    shown = menu.items[first : first + page]
+    cells = [
+        (
+            item,
+            pygame.Rect(
+                pad + k % cols * wide, head_px + k // cols * high, wide - unit, high - unit
+            ),
         )
+        for k, item in enumerate(shown)
+    ]
+    for k, (item, rect) in enumerate(cells, first):
+        _draw_tile(surface, letters, item, rect, lit, k == selected, unit)
+    buttons = [_cross(width, unit)]
+    if page < count:
+        x = min(pad + title.get_width() + unit, width - 4 * side - letters.size(number)[0])
+        words = letters.render(number, True, SECOND)
+        places = (x, x + side + words.get_width() + 2 * unit)
+        surface.blit(words, words.get_rect(midleft=(x + side + unit, buttons[0][1].centery)))
+        buttons += [
+            (Item(label, Event(key)), pygame.Rect(left, unit // 2, side, side))
+            for (label, key), left in zip(PAGES, places, strict=True)
+        ]
+    for item, rect in buttons:
+        _draw_button(surface, letters, item, rect, lit, unit)
+    return ItemPanel(
+        surface=surface,
+        at=(
+            (window_px[0] - width) // 2,
+            (window_px[1] + top_px - surface.get_height()) // 2,
+        ),
+        cells=[*cells, *buttons],
+        cols=cols,
+        page=page,
+    )
+
+
+def _draw_tile(
+    surface: pygame.Surface,
+    letters: pygame.font.Font,
+    item: Item,
+    rect: pygame.Rect,
+    lit: Lit,
+    focused: bool,
+    unit: int,
+) -> None:
+    """A card with a picture and below it the label, cut after two lines."""
+    draw_card(surface, rect, unit, item.event == lit.event, lit.pressed, focused)
+    room = rect.inflate(-2 * unit, -2 * unit)
+    label = drawable(item.label)
+    while len(label) > 1 and letters.size(label)[0] > 2 * room.width - 4 * unit:
+        label = label[:-2].rstrip() + "…"
+    letters.align = pygame.FONT_CENTER
+    text = letters.render(label, True, TEXT, None, max(1, room.width))
+    letters.align = pygame.FONT_LEFT
+    text = text.subsurface((0, 0, text.get_width(), min(text.get_height(), room.height)))
+    surface.blit(text, text.get_rect(midbottom=room.midbottom))
+    space = room.width, max(1, room.height - text.get_height() - unit)
+    if item.event.text in ICONS:
+        drawing = icon(item.event.text, min(space) // 2, TEXT)
+        surface.blit(drawing, drawing.get_rect(center=(room.centerx, room.top + space[1] // 2)))
     if item.picture is not None:
         rows, cols, channels = item.picture.shape
-        x, y, *size = fit_area((cols, rows), (room.width, max(1, top - room.top - line // 4)))
+        x, y, *size = fit_area((cols, rows), space)
         small = cv2.resize(item.picture, size, interpolation=cv2.INTER_AREA).tobytes()
         surface.blit(
             pygame.image.frombuffer(small, size, "RGB" if channels == 3 else "RGBA"),
@@ -149,149 +369,149 @@ def _draw_item(
         )
 
 
-@lru_cache(1)
-def bar_panel(items: tuple[Item, ...], hovered: Event, window_px: Place, text_px: int) -> ItemPanel:
-    """The items in rows at the bottom edge, never over the middle. hovered: an event of theirs."""
-    width, height = window_px
-    spans = sum(map(_span, items))
-    for size_px in range(max(BAR_TEXT_PX, min(text_px, width // BAR_LETTERS)), MIN_TEXT_PX - 1, -1):
-        letters = font(size_px)
-        line = letters.get_linesize()
-        widest_px = max(letters.size(item.label)[0] / _span(item) for item in items)
-        rows = math.ceil(spans / max(1, int(width / (widest_px + line / 2))))
-        cols = math.ceil(spans / rows)
-        cells = _cells(items, cols, width // cols, 2 * line + line // 2)
-        high = cells[-1][1].bottom
-        if high <= BAR_SHARE * height:
-            break
-    panel = ItemPanel(
-        surface=pygame.Surface((width, high), pygame.SRCALPHA), at=(0, height - high), cells=cells
-    )
-    panel.surface.fill(BACK)
-    for item, rect in cells:
-        _draw_item(panel.surface, letters, item, rect, item.event == hovered)
-    return panel
+def _block(
+    lines: Sequence[str], letters: pygame.font.Font, key_px: int, room_px: int
+) -> pygame.Surface:
+    """Lines below each other: those with a tab have a key, and a line before them is a heading."""
+    unit = unit_px(letters.get_linesize())
+    has_keys = any("\t" in line for line in lines)
+    rows = list[tuple[pygame.Surface | None, pygame.Surface]]()
+    for line in lines:
+        key, tab, words = drawable(line).rpartition("\t")
+        colour = SECOND if has_keys and not tab else TEXT
+        text = letters.render(words, True, colour, None, max(1, room_px - key_px))
+        rows.append((badge(key, letters, unit) if key else None, text))
+    gap = unit // 4
+    heights = [max(text.get_height(), key.get_height() if key else 0) + gap for key, text in rows]
+    width = max(text.get_width() + (key_px if key else 0) for key, text in rows)
+    surface = pygame.Surface((width, sum(heights)), pygame.SRCALPHA)
+    y = 0
+    for (drawn, text), height in zip(rows, heights, strict=True):
+        middle = y + (height - gap) // 2
+        if drawn is not None:
+            surface.blit(drawn, drawn.get_rect(midleft=(0, middle)))
+        surface.blit(text, text.get_rect(midleft=(key_px if drawn else 0, middle)))
+        y += height
+    return surface
 
 
-@lru_cache(2)
-def menu_panel(menu: Menu, selected: int, window_px: Place, text_px: int) -> ItemPanel:
-    """The page with the selected item, in the middle of a window of that size."""
-    width, height = (round(MENU_SHARE * side) for side in window_px)
-    letters = font(max(MIN_TEXT_PX, min(round(1.2 * text_px), width // 26)))
-    line = letters.get_linesize()
-    count = len(menu.items)
-    hint = letters.render(menu.hint, True, GREY, None, width - line)
-    head_px = hint.get_height() + 3 * line
-    least_px = CELL_LINES * line
-
-    def picture_px(cols: int) -> float:
-        """Width of a cell's picture where all items are on one page."""
-        return min(width // cols, ((height - head_px) // -(-count // cols) - 2 * line) / CELL_SHAPE)
-
-    cols = max(range(1, min(MENU_COLS, count) + 1), key=picture_px)
-    if picture_px(cols) < least_px:  # then it has several pages
-        cols = max(1, min(MENU_COLS, width // least_px))
-    rows = max(1, min((height - head_px) // least_px, -(-count // cols)))
-    high = min((height - head_px) // rows, round(CELL_SHAPE * width / cols) + 2 * line)
-    page = rows * cols
-    first = selected // page * page
-    surface = pygame.Surface((width, head_px + rows * high), pygame.SRCALPHA)
-    surface.fill(BACK)
-    title = letters.render(
-        menu.title + (f"   {selected + 1} of {count}" if page < count else ""), True, WHITE
-    )
-    place = title.get_rect(midtop=(width // 2, line // 2))
-    surface.blit(title, place)
-    surface.blit(hint, hint.get_rect(midtop=(width // 2, 2 * line)))
-    cells = _cells(menu.items[first : first + page], cols, width // cols, high, head_px)
-    cells.append(_cross(width, line))
-    if page < count:
-        lefts = (place.left - 2 * line, place.right)
-        cells += [
-            (Item(label, Event(key)), pygame.Rect(left, 0, 2 * line, 2 * line - line // 4))
-            for (label, key), left in zip(PAGES, lefts, strict=True)  # beside the title
-        ]
-    for number, (item, rect) in enumerate(cells, first):
-        _draw_item(surface, letters, item, rect, number == selected)
-    return ItemPanel(
-        surface=surface,
-        at=((window_px[0] - width) // 2, (window_px[1] - surface.get_height()) // 2),
-        cells=cells,
-        cols=cols,
-        page=page,
-    )
+def _columns(blocks: Sequence[pygame.Surface], cols: int, gap: int) -> list[pygame.Rect]:
+    """The places of blocks in one column or two of about the same height."""
+    half = sum(block.get_height() + gap for block in blocks) / cols
+    rects = list[pygame.Rect]()
+    x = y = 0
+    for block in blocks:
+        if y and y + block.get_height() / 2 > half:
+            x, y = max(rect.right for rect in rects) + 3 * gap, 0
+        rects.append(block.get_rect(topleft=(x, y)))
+        y += block.get_height() + gap
+    return rects
 
 
 @lru_cache(16)
 def text_panel(
-    text: Overlay, bottom_px: int | None, window_px: Place, text_px: int, top_px: int = EDGE_PX
+    text: Overlay,
+    bottom_px: int,
+    window_px: Place,
+    text_px: int,
+    top_px: int = EDGE_PX,
+    lit: Lit = NOT_LIT,
 ) -> ItemPanel:
-    """The lines of text with a cross, its items and its inset, or else its notices: at the left
-    below top_px, or in the middle above bottom_px. Letters are smaller if they do not fit.
+    """The lines of text with a cross, its items and its inset, or else its notices, between top_px
+    and bottom_px: at the left, in the middle if the lines have keys, and at the bottom if there are
+    items or notices. Letters are smaller if they do not fit.
 
     White on black is the same for both eyes, so text lies in the plane of the screen through any
     glasses. The inset is omitted if it does not fit.
     """
-    lines = [drawable(line).partition("\t")[::2] for line in text.lines or text.notices]
-    columns = list(zip(*lines, strict=True))
-    room = [TEXT_SHARE * (side - 2 * EDGE_PX) for side in window_px]
+    lines = text.lines or text.notices
+    has_keys = any("\t" in line for line in lines)
+    at_bottom = not text.lines or bool(text.items)
+    sections = [part.split("\n") for part in "\n".join(lines).split("\n\n")]
+    room = TEXT_SHARE * (window_px[0] - 2 * EDGE_PX), bottom_px - top_px - EDGE_PX
     for size_px in range(text_px, MIN_TEXT_PX - 1, -1):
-        letters = font(size_px)
-        line = letters.get_linesize()
-        before, after = (letters.render("\n".join(column), True, WHITE) for column in columns)
-        key_px = letters.size(COLUMN)[0] if any(columns[1]) else 0
-        cross_px = 2 * line if text.lines else 0
-        width = max(before.get_width(), key_px + after.get_width()) + 2 * PAD_PX + cross_px
-        height = before.get_height() + 2 * PAD_PX
-        spans = sum(map(_span, text.items))
-        widest_px = [letters.size(item.label)[0] // _span(item) for item in text.items]
-        cell_px = max(widest_px, default=0) + line
-        cells = _cells(text.items, spans, cell_px, 2 * line + line // 2, height)
-        if cells:
-            width = max(width, spans * cell_px)
-            height = cells[-1][1].bottom
+        letters, unit = font(size_px), unit_px(size_px)
+        pad = 2 * unit if text.lines else unit
+        cross_px = CONTROL_UNITS * unit if text.lines else 0
+        keys = [line.partition("\t")[0] for line in lines if "\t" in line]
+        key_px = max((badge(key, letters, unit).get_width() for key in keys), default=-unit) + unit
+        wrap_px = int(room[0] - 2 * pad - cross_px)
+        blocks = [_block(part, letters, key_px, wrap_px) for part in sections]
+        for cols in (1, 2) if len(blocks) > 1 else (1,):
+            places = _columns(blocks, cols, 2 * unit)
+            body = pygame.Rect.unionall(places[0], places[1:])
+            width = body.width + 2 * pad + cross_px
+            height = max(body.height, cross_px - unit) + 2 * pad
+            widths = [_button_px(item, letters, unit) for item in text.items]
+            rects = _flow(widths, round(room[0] - 2 * pad), CONTROL_UNITS * unit, unit)
+            if rects:
+                row = pygame.Rect.unionall(rects[0], rects[1:])
+                width, height = max(width, row.width + 2 * pad), height + row.height + unit
+            if width <= room[0] and height <= room[1]:
+                break
         if width <= room[0] and height <= room[1]:
             break
-    blits = [(before, (PAD_PX, PAD_PX)), (after, (PAD_PX + key_px, PAD_PX))]
-    if text.inset is not None and height + text.inset.shape[0] + PAD_PX <= room[1]:
+    top = pad + (max(body.height, cross_px - unit) - body.height) // 2
+    blits = [(block, place.move(pad, top)) for block, place in zip(blocks, places, strict=True)]
+    cells = [
+        (item, rect.move(pad, height - pad - row.height))
+        for item, rect in zip(text.items, rects, strict=True)
+    ]
+    if text.inset is not None and height + text.inset.shape[0] + pad <= room[1]:
         inset = pygame.image.frombuffer(text.inset.tobytes(), text.inset.shape[1::-1], "BGR")
-        blits.append((inset, (PAD_PX, height)))
-        width = max(width, inset.get_width() + 2 * PAD_PX)
-        height = height + inset.get_height() + PAD_PX
-    surface = pygame.Surface((width, height), pygame.SRCALPHA)
-    surface.fill(TEXT_BACK)
+        blits.append((inset, inset.get_rect(topleft=(pad, height))))
+        width = max(width, inset.get_width() + 2 * pad)
+        height = height + inset.get_height() + pad
+    surface = panel_surface(width, height, unit)
     surface.blits(blits)
     if text.lines:
-        cells.append(_cross(width, line))
+        cells.append(_cross(width, unit))
     for item, rect in cells:
-        _draw_item(surface, letters, item, rect, False)
-    at = (
-        (EDGE_PX, top_px)
-        if bottom_px is None
-        else ((window_px[0] - width) // 2, bottom_px - height - EDGE_PX)
-    )
+        _draw_button(surface, letters, item, rect, lit, unit)
+    x = (window_px[0] - width) // 2 if has_keys or at_bottom else EDGE_PX
+    middle = top_px + max(0, room[1] - height) // 2 if has_keys else top_px
+    at = x, bottom_px - height - EDGE_PX if at_bottom else middle
     return ItemPanel(surface=surface, at=at, cells=cells)
 
 
-@lru_cache(1)
-def recording_panel(text: str, window_px: Place, text_px: int) -> ItemPanel:
-    """A red dot and text at the top right."""
-    letters = font(text_px)
-    line = letters.get_linesize()
-    words = letters.render(text, True, WHITE)
-    surface = pygame.Surface((words.get_width() + 2 * line, line + PAD_PX), pygame.SRCALPHA)
-    surface.fill(TEXT_BACK)
-    pygame.draw.circle(surface, RED, (line * 3 // 4, surface.get_height() // 2), line // 3)
-    surface.blit(words, (line * 3 // 2, PAD_PX // 2))
-    return ItemPanel(surface=surface, at=(window_px[0] - surface.get_width() - EDGE_PX, EDGE_PX))
+@lru_cache(2)
+def scene_panel(
+    name: str, step: str, share: float | None, window_px: Place, text_px: int
+) -> ItemPanel:
+    """The scene's name at the top left, and what is being done with it."""
+    letters, unit = font(text_px), unit_px(text_px)
+    words = letters.render(drawable(name), True, TEXT)
+    below = letters.render(step, True, SECOND) if step else None
+    width = words.get_width()
+    height = words.get_height() + 2 * unit
+    if below is not None:
+        width = max(width, below.get_width(), CHIP_LETTERS * text_px)
+        height += below.get_height() + 3 * unit // 2
+    width = min(width, window_px[0] - 2 * EDGE_PX - 3 * unit)
+    surface = panel_surface(width + 3 * unit, height, unit)
+    surface.blit(words, (3 * unit // 2, unit), (0, 0, width, height))
+    if below is not None:
+        surface.blit(below, (3 * unit // 2, unit + words.get_height()), (0, 0, width, height))
+        groove = pygame.Rect(3 * unit // 2, height - 3 * unit // 2, width, max(3, unit // 2))
+        pygame.draw.rect(surface, OFF, groove, border_radius=unit // 4)
+        groove.width = round((share or 0.0) * width)
+        pygame.draw.rect(surface, ACCENT, groove, border_radius=unit // 4)
+    return ItemPanel(surface=surface, at=(EDGE_PX, EDGE_PX))
 
 
-@lru_cache(1)
-def progress_panel(share: float, window_px: Place) -> ItemPanel:
-    """A thin line along the bottom."""
-    line = pygame.Surface((max(1, round(share * window_px[0])), PROGRESS_PX))
-    line.fill(WHITE)
-    return ItemPanel(surface=line, at=(0, window_px[1] - PROGRESS_PX))
+@lru_cache(4)
+def dot_panel(
+    text: str, colour: tuple[int, int, int], top_px: int, window_px: Place, text_px: int
+) -> ItemPanel:
+    """A dot and text at the top right."""
+    letters, unit = font(text_px), unit_px(text_px)
+    words = letters.render(text, True, TEXT)
+    radius = unit // 2 + 1
+    surface = panel_surface(words.get_width() + 5 * unit, words.get_height() + 2 * unit, unit)
+    pygame.draw.aacircle(surface, colour, (2 * unit, surface.get_height() // 2), radius)
+    pygame.draw.circle(surface, colour, (2 * unit, surface.get_height() // 2), radius - 1)
+    surface.blit(words, (7 * unit // 2, unit))
+    return ItemPanel(surface=surface, at=(window_px[0] - surface.get_width() - EDGE_PX, top_px))
 
 
 def _action(key: str) -> Event | None:
@@ -305,7 +525,9 @@ class OverlayView:
         self._overlay = Overlay()
         self._panels = list[ItemPanel]()
         self._at = 0  # the selected item of the menu
-        self._hovered = NO_EVENT  # of the bar
+        self._lit = NOT_LIT
+        self._over: Cell | None = None  # what the pointer is on
+        self._used = NO_EVENT  # pressed, and the pointer is still there: it needs no tip
         self._held: Cell | None = None  # a slider
         self._bar_from_s = math.inf  # when the bar appears, for BAR_S
         self._edge_px = 0  # pointer motion below shows the bar or keeps it
@@ -328,6 +550,10 @@ class OverlayView:
         """Whether the pointer has a target."""
         return self._overlay.menu is not None or self._bar_from_s < math.inf
 
+    def _lit_of(self, *items: Item) -> Lit:
+        """What is lit of some items: the others need not be drawn again."""
+        return self._lit if any(item.event == self._lit.event for item in items) else NOT_LIT
+
     def panels(self, window_px: Place, text_px: int) -> list[ItemPanel]:
         """The panels, the topmost last; equal calls return the same ones.
 
@@ -335,38 +561,62 @@ class OverlayView:
         """
         overlay = self._overlay
         now_s = time.monotonic()
-        bar = bar_panel(overlay.bar, self._hovered, window_px, text_px) if overlay.bar else None
+        bar = None
+        if overlay.bar:
+            bar = bar_panel(overlay.bar, self._lit_of(*overlay.bar), window_px, text_px)
         if bar is None or (now_s > self._bar_from_s + BAR_S and self._held is None):
             self._bar_from_s = math.inf
+        is_awake = bar is not None and (now_s >= self._bar_from_s or self._held is not None)
         # space for the bar stays free, so that nothing moves when it appears
-        bar_top_px = window_px[1] if bar is None else bar.at[1]
-        pages, panels = list[ItemPanel](), list[ItemPanel]()
-        bottom_px = bar_top_px if overlay.menu is None else window_px[1]
-        dots = [recording_panel(overlay.recording, window_px, text_px)] if overlay.recording else []
-        top_px = EDGE_PX + sum(panel.surface.get_height() + GAP_PX for panel in dots)
+        bar_top_px = bottom_px = window_px[1] if bar is None else bar.top_px
+        corners = self._corners(is_awake, window_px, text_px)
+        pages, notices = list[ItemPanel](), list[ItemPanel]()
         if overlay.lines:
             page = Overlay(lines=overlay.lines, inset=overlay.inset, items=overlay.items)
-            pages.append(
-                text_panel(page, bar_top_px if overlay.items else None, window_px, text_px, top_px)
-            )
-            bottom_px = pages[0].at[1] if overlay.items else bottom_px
+            top_px = EDGE_PX
+            if not overlay.items:
+                top_px = max((corner.bottom_px + GAP_PX for corner in corners), default=EDGE_PX)
+            lit = self._lit_of(CLOSE, *overlay.items)
+            pages.append(text_panel(page, bar_top_px, window_px, text_px, top_px, lit))
+            bottom_px = pages[0].top_px if overlay.items else bottom_px
         for notice in reversed(overlay.notices):
             line = Overlay(notices=tuple(notice.splitlines()))
-            panels.append(text_panel(line, bottom_px, window_px, text_px))
-            bottom_px = panels[-1].at[1] + EDGE_PX - GAP_PX
-        if overlay.progress is not None:
-            panels.append(progress_panel(overlay.progress, window_px))
+            notices.append(text_panel(line, bottom_px, window_px, text_px))
+            bottom_px = notices[-1].top_px + EDGE_PX - GAP_PX
         self._menu = None
         if overlay.menu is not None:
             area_px = window_px[0], min(bar_top_px, bottom_px)
-            self._menu = menu_panel(overlay.menu, self._at, area_px, text_px)
+            turns = [Item(label, Event(key)) for label, key in PAGES]
+            lit = self._lit_of(CLOSE, *turns, *overlay.menu.items)
+            corners = corners[:1] if overlay.recording else []
+            top_px = max((corner.bottom_px for corner in corners), default=0)
+            self._menu = menu_panel(overlay.menu, self._at, area_px, text_px, lit, top_px)
             pages.append(self._menu)
         self._edge_px = round((1 - BAR_EDGE) * window_px[1])
-        if bar is not None and (now_s >= self._bar_from_s or self._held):
-            panels.append(bar)
+        bars = list[ItemPanel]()
+        if bar is not None and is_awake:
+            bars.append(bar)
             self._edge_px = bar_top_px
-        self._panels = [*pages, *panels, *dots]
+            is_new = self._over is not None and self._over[0].event != self._used
+            if self._over is not None and is_new and self._over[0].event.name in TIPS:
+                item, rect = self._over
+                item = next(one for one in overlay.bar if one.event.name == item.event.name)
+                bars.append(tip_panel(item, (rect.centerx, bar_top_px), window_px, text_px))
+        self._panels = [*pages, *notices, *corners, *bars]
         return self._panels
+
+    def _corners(self, is_awake: bool, window_px: Place, text_px: int) -> list[ItemPanel]:
+        """The recording, the viewer and the scene in the upper corners."""
+        overlay = self._overlay
+        panels = list[ItemPanel]()
+        for text, colour in ((overlay.recording, RED), (overlay.viewer * is_awake, ACCENT)):
+            if text:
+                top_px = panels[-1].bottom_px + GAP_PX if panels else EDGE_PX
+                panels.append(dot_panel(text, colour, top_px, window_px, text_px))
+        if overlay.step or (overlay.scene and is_awake):
+            step = overlay.step, overlay.progress
+            panels.append(scene_panel(overlay.scene, *step, window_px, text_px))
+        return panels
 
     def key(self, key: str) -> Event | None:
         """The event of a key: a letter, or a name as "escape"; None if it only moves the
@@ -399,19 +649,29 @@ class OverlayView:
 
     def mouse(self, event: pygame.Event, at_px: Place) -> Event | None:
         """The event of the mouse or a touch. at_px: the pointer."""
-        at_once = at_px[1] >= self._edge_px or event.type in PRESSED
+        at_once = at_px[1] >= self._edge_px or event.type in PRESSED_OR_NOT
         self._bar_from_s = time.monotonic() + (0.0 if at_once else REST_S)
-        over = next(filter(None, (panel.cell(at_px) for panel in reversed(self._panels))), None)
-        self._hovered = over[0].event if over is not None else NO_EVENT
+        self._over = next(
+            filter(None, (panel.cell(at_px) for panel in reversed(self._panels))), None
+        )
+        lit = self._over[0].event if self._over is not None else NO_EVENT
+        is_down = event.type == pygame.MOUSEBUTTONDOWN or (
+            self._lit.pressed and event.type == pygame.MOUSEMOTION
+        )
+        self._lit = Lit(lit, is_down) if lit.name else NOT_LIT
+        if is_down or lit != self._used:
+            self._used = lit if is_down else NO_EVENT
         if event.type == pygame.MOUSEBUTTONUP:
             self._held = None
-        elif event.type == pygame.MOUSEBUTTONDOWN and event.button == 1 and over is not None:
-            item = over[0]
+        elif event.type == pygame.MOUSEBUTTONDOWN and event.button == 1 and self._over is not None:
+            item = self._over[0]
+            if item.off:
+                return NO_EVENT
             if item.event.name in ("pageup", "pagedown"):
                 return self.key(item.event.name)
             if item.slider is None:
                 return item.event
-            self._held = over
+            self._held = self._over
         if self._held is None:
             return None
         item, rect = self._held

@@ -2,20 +2,29 @@
 their test. The page of scenes is in `lfpipe.render.ui.scenes`.
 """
 
+from functools import lru_cache
+
 import attrs
 
-from lfpipe.render.display.overlay import Overlay
+from lfpipe.render.display.overlay import Event, Item, Menu, Overlay
 from lfpipe.render.presenter import Drawing, Presenter, draw_scene
 from lfpipe.render.synthesis.compositor import Key
 from lfpipe.render.ui.glasses import glasses_menu, glasses_test, instructions
 from lfpipe.render.ui.keys import HELP
-from lfpipe.render.ui.notices import status_lines
+from lfpipe.render.ui.notices import VIEWERS, status_lines, viewer_kind
 from lfpipe.render.ui.settings import Settings
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.context import Context
 
 UPDATE_NS = SECOND_NS // 2  # between two updates of the metrics
+RECORDED_FACE = Overlay(
+    lines=("A recorded face moves this picture.",),
+    items=(
+        Item("Use my camera", Event("look", "camera")),
+        Item("Use the mouse", Event("look", "mouse")),
+    ),
+)
 CHECKED = ("swap_eyes", "ghost_compensation")  # what a test of glasses may change
 
 
@@ -69,6 +78,33 @@ class MetricsPage(Page):
             self._due_ns = t_ns + UPDATE_NS
             self._presenter.redraw()
         return Overlay(lines=self._lines)
+
+
+class ViewerPage(Page):
+    """Who looks?"""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+
+    def overlay(self, t_ns: int) -> Overlay:
+        kind = viewer_kind(self._context.options.viewer)
+        return Overlay(menu=_viewer_menu(kind))
+
+
+@lru_cache(1)
+def _viewer_menu(kind: str) -> Menu:
+    items = tuple(Item(label, Event("look", word)) for word, label in VIEWERS.items())
+    at = list(VIEWERS).index(kind) if kind in VIEWERS else 0
+    return Menu("Who looks?", "Click, or use the arrows and Enter.", items, at)
+
+
+class RecordedFace(Page):
+    """Says that a recorded face looks, and offers others."""
+
+    stays = True
+
+    def overlay(self, t_ns: int) -> Overlay:
+        return RECORDED_FACE
 
 
 class GlassesQuestion(Page):

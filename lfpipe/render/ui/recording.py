@@ -1,18 +1,21 @@
 """Recording the camera by key r: its folder, and its status in the window."""
 
+import contextlib
 import os
 import time
 from pathlib import Path
 
 import platformdirs
 
-from lfpipe.host.files import is_dir
+from lfpipe.host.files import exists
 from lfpipe.render.ui.notices import Notices
+from lfpipe.sequence.folder import MANIFEST
 from lfpipe.sequence.packets import PACKETS
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.context import Context
 
 SIZE_NS = SECOND_NS // 2  # between two readings of its size
+FLUSH_NS = 10 * SECOND_NS  # a slow disk may take as long to take the rest
 ENDED_NS = 8 * SECOND_NS  # time to read a path
 
 
@@ -24,6 +27,7 @@ class RecordingIndicator:
         self._notices = notices
         self._folder = ""
         self._began_ns = self._due_ns = 0
+        self._ending: tuple[Path, int] | None = None  # until when it may still be written
         self.status = ""
         """Time and size of the current recording; "" for none."""
 
@@ -31,8 +35,14 @@ class RecordingIndicator:
         """Starts recording the camera and the eyes in the folder for pictures, or stops it."""
         path = ""
         if not self._context.options.record:
-            path = str(picture_folder() / time.strftime("lfpipe-recording-%Y%m%d-%H%M%S"))
-            self._notices.show("record", "the recording starts")
+            path = str(
+                user_folder(platformdirs.user_videos_path())
+                / time.strftime("lfpipe-recording-%Y%m%d-%H%M%S")
+            )
+            if self._context.paused:
+                self._context.request("resume")
+            resumed = "resumed: " if self._context.paused else ""
+            self._notices.show("record", f"{resumed}the recording starts")
         self._context.request("record", path=path)
 
     def update(self, t_ns: int) -> bool:
@@ -40,20 +50,28 @@ class RecordingIndicator:
         folder = self._context.options.record
         if folder != self._folder:
             if self._folder:
-                path = Path(self._folder)
-                text = f"the recording is {path.name}\nin {path.parent}"
-                self._notices.show(
-                    "record", text if _size_bytes(path) else "no frame was recorded", ENDED_NS
-                )
+                self._ending = Path(self._folder), t_ns + FLUSH_NS
             self._folder = folder
             self.status = ""
             self._began_ns = self._due_ns = t_ns
+        if self._ending is not None:
+            self._show_ended(*self._ending, t_ns)
         if not folder or t_ns < self._due_ns:
             return False
         self._due_ns = t_ns + SIZE_NS
         minutes, seconds = divmod((t_ns - self._began_ns) // SECOND_NS, 60)
         self.status = f"{minutes}:{seconds:02}  {_size_bytes(Path(folder)) / 1e6:.0f} MB"
         return True
+
+    def _show_ended(self, path: Path, until_ns: int, t_ns: int) -> None:
+        """Shows the path of a recording once the recorder has ended it."""
+        if not exists(path / MANIFEST) and t_ns < until_ns:
+            return
+        self._ending = None
+        text = f"the recording is {path.name}\nin {path.parent}"
+        self._notices.show(
+            "record", text if exists(path / MANIFEST) else "no frame was recorded", ENDED_NS
+        )
 
 
 def _size_bytes(folder: Path) -> int:
@@ -64,11 +82,13 @@ def _size_bytes(folder: Path) -> int:
         return 0
 
 
-def picture_folder() -> Path:
-    """The desktop's folder for pictures, or else the working directory."""
-    folder = platformdirs.user_pictures_path()
-    return (
-        folder
-        if folder != Path.home() and is_dir(folder) and os.access(folder, os.W_OK)
-        else Path.cwd()
-    )
+def user_folder(folder: Path) -> Path:
+    """A folder of the desktop's, as ~/Pictures, which is made if it is missing; the working
+    directory if the desktop has none.
+    """
+    with contextlib.suppress(OSError):
+        if folder != Path.home():
+            folder.mkdir(parents=True, exist_ok=True)
+        if folder != Path.home() and os.access(folder, os.W_OK):
+            return folder
+    return Path.cwd()

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from lfpipe.files.decoding import fit_area
 from lfpipe.host.files import exists
 from lfpipe.render.display.overlay import Event, Item, Menu, Overlay
-from lfpipe.render.ui.notices import Notices
+from lfpipe.render.ui.notices import Notices, viewer_kind
 from lfpipe.render.ui.pages import Page
 from lfpipe.scene.cache import cache_root
 from lfpipe.scene.recent_scenes import forget_scene
@@ -35,13 +35,18 @@ MAX_LINES = 5
 CAMERA_NS = SECOND_NS // 5
 THUMBNAILS = Path(__file__).parent / "thumbnails"  # by tools.make_docs_pictures
 KEPT_PX = (480, 360)  # of a thumbnail, at most: larger than a cell of most menus
+# of the packer -> what it does, for people
+WORK = {"views": "reading pictures", "disparity": "measuring depth", "method": "choosing a method"}
+LOOK = Event("who")
+NO_CAMERA = Item("no camera: the mouse looks around", Event("who", "mouse"))
 HINT = "Click, or use the arrows and Enter. Tab goes back.\nDrop a folder of views to open it.{}"
 
 
 class SceneLoader:
     """Requests scenes.
 
-    progress: share of the packer's work on the scene on the screen; None without.
+    progress: share of the packer's work on the scene on the screen; None without. working: what it
+    does.
     """
 
     def __init__(self, context: Context, notices: Notices) -> None:
@@ -54,6 +59,7 @@ class SceneLoader:
         self._loading = ""
         self._step = ""
         self.progress: float | None = None
+        self.working = ""
         self._first_due_ns = 0
 
     def step(self, step: int) -> None:
@@ -88,11 +94,13 @@ class SceneLoader:
             self._asked = ""
 
     def report(self, news: Message) -> None:
-        """Sets the progress of a load requested by any client. A line alone shows that of
-        the scene on the screen.
-        """
+        """Sets the progress of a load requested by any client, or of the scene on the screen."""
         self._loading, self._step = ("", "") if news["shown"] else (news["scene"], news["step"])
         self.progress = news["share"] if news["shown"] and news["step"] else None
+        self.working = ""
+        if self.progress is not None:
+            word, *_ = news["step"].split(" ")
+            self.working = f"{WORK.get(word, news['step'])}, {100 * self.progress:.0f} %"
 
     def _what(self) -> str:
         scenes = self._context.options.playlist
@@ -138,7 +146,7 @@ class ScenePage(Page):
         self._pictures: dict[str, NDArray[np.uint8] | None] = {}
         self._camera: Reader | None = None
         self._camera_due_ns = 0
-        self._camera_item = Item("the camera")
+        self._camera_item = Item("your camera", LOOK)
 
     def menu(self) -> Menu:
         """The page with the pictures read so far."""
@@ -146,7 +154,10 @@ class ScenePage(Page):
             Item(Path(scene).name, Event("load", scene), picture=self._pictures.get(scene))
             for scene in self._scenes
         ]
-        if self._camera is not None:
+        kind = viewer_kind(self._context.options.viewer)
+        if kind == "mouse":
+            items.append(NO_CAMERA)
+        elif kind:
             items.append(self._camera_item)
         delete = " Delete removes a scene." if self._context.options.start else ""
         return Menu("Choose a scene", HINT.format(delete), tuple(items), self._at)
@@ -196,7 +207,8 @@ class ScenePage(Page):
             forget_scene(Path(scene))
 
     def overlay(self, t_ns: int) -> Overlay:
-        if self._camera is not None and t_ns >= self._camera_due_ns:
+        is_tracked = self._context.options.viewer.tracked
+        if is_tracked and self._camera is not None and t_ns >= self._camera_due_ns:
             self._camera_due_ns = t_ns + CAMERA_NS
             self._see_camera(self._camera)
         return Overlay(menu=self.menu())
@@ -211,6 +223,6 @@ class ScenePage(Page):
         small_px = fit_area(frame_px, KEPT_PX)[2:]
         small = np.asarray(cv2.resize(frame, small_px, interpolation=cv2.INTER_AREA), np.uint8)
         caption = "a face: here you are" if self._context.row["face"] else "no face seen"
-        if options.viewer.source.startswith("demo"):
-            caption = "no camera" if options.start else "demo face"
-        self._camera_item = Item(caption, picture=small[:, ::-1, ::-1])
+        if viewer_kind(options.viewer) == "demo":
+            caption = "recorded face"
+        self._camera_item = Item(caption, LOOK, picture=small[:, ::-1, ::-1])

@@ -45,9 +45,14 @@ class MouseLook:
         # the middle of the eyes after one low-pass, and after both
         self._eased_px: tuple[NDArray[np.float64], ...] | None = None
         self._t_ns = self._released_ns = 0
+        self._count = 0
+        self.set_ring(ring)
+
+    def set_ring(self, ring: RingOutput | None) -> None:
+        """ring: as at first, for another viewer."""
         self._ring = ring
         self._alone = ring is not None
-        self._count = 0
+        self._eased_px = None
 
     @property
     def is_viewer(self) -> bool:

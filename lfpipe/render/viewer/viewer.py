@@ -266,6 +266,11 @@ class Viewer:
             self.parallax = self.solver = None
         return new
 
+    def exchange(self, neutral_is_fixed: bool) -> None:
+        """Prepares for another viewer."""
+        self._neutral_is_fixed = neutral_is_fixed
+        self._centre_px = self.solver = None
+
     def recentre(self) -> None:
         """Makes the last position of the eyes the neutral position."""
         if self._seen:
