@@ -251,7 +251,7 @@ def test_device_latency_doubt_names_the_change(
 @pytest.mark.parametrize(
     ("configured", "display", "words"),
     [
-        (measured("demo"), Window(), "^loop    61.5 ms delay of camera and display$"),
+        (measured("demo"), Window(), r"^latency\t61.5 ms of camera and display$"),
         (
             measured("demo", **{"camera.rate_hz": 60}),
             Window(),
