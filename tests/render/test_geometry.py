@@ -166,7 +166,7 @@ def test_parallax_is_the_least_of_room_comfort_and_true_depth(kind: str) -> None
     found = chosen(field, eyes_px, **render)
     assert {name: getattr(found, name) for name in metrics} == pytest.approx(metrics, rel=1e-3)
     beyond = found.views_between_eyes > (found.comfort_views or math.inf)
-    assert words in str(found) and ("comfort" in str(found)) == beyond
+    assert words in str(found) and ("comfort limit" in str(found)) == beyond
 
 
 @pytest.mark.parametrize(

@@ -76,7 +76,10 @@ class Parallax:
         if share is None:
             return seat
         if share < FULL_DEPTH:
-            return f"{seat}; depth is reduced to {share:.0%} for comfort"
+            comfort = self.comfort_views is not None and self.views_between_eyes >= (
+                self.comfort_views * FULL_DEPTH
+            )
+            return f"{seat}; depth is reduced to {share:.0%}{' for comfort' if comfort else ''}"
         return f"{seat}; depth is true"
 
     def __str__(self) -> str:
