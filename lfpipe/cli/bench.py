@@ -171,11 +171,11 @@ def table(
 
 
 def _print_tables(results: dict[str, Results], names: Sequence[str]) -> None:
-    """Prints the first table of each benchmark: to fit a terminal, else as Markdown."""
+    """Prints the first table of each benchmark on a terminal."""
     for name in names:
         if results[name].rows:
             table = results[name].tables[0]
-            print_table(BENCHMARKS[name].title, *table.texts(), otherwise=table.markdown())
+            print_table(BENCHMARKS[name].title, *table.texts())
 
 
 def _report(results: dict[str, Results], out: Path) -> None:

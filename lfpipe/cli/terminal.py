@@ -31,12 +31,9 @@ def print_result(result: str | Path) -> None:
         click.echo(escaped(str(result)))
 
 
-def print_table(
-    title: str, head: Sequence[str], body: Sequence[Sequence[str]], otherwise: str
-) -> None:
-    """Prints a table that fits the terminal; elsewhere its other form."""
+def print_table(title: str, head: Sequence[str], body: Sequence[Sequence[str]]) -> None:
+    """Prints a table that fits the terminal; without a terminal nothing, as for scripts."""
     if not sys.stdout.isatty():
-        print_result(f"{title}\n\n{otherwise}\n")
         return
     from rich import box
     from rich.console import Console

@@ -98,14 +98,25 @@ def test_page_limits_its_viewers(live_server: Server) -> None:
 
 
 def test_page_drops_slow_clients(live_server: Server) -> None:
-    get = "GET {} HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer {}\r\n\r\n"
-    with ExitStack() as stack:
-        lazy = stack.enter_context(socket.socket())
-        lazy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        lazy.connect(("127.0.0.1", live_server.port))
-        lazy.sendall(get.format("/events", live_server.token).encode())
-        own = lazy.getsockname()
-        until(lambda: live_server.serves(own), "its connection")
+    request = (
+        "GET /events HTTP/1.1\r\nHost: 127.0.0.1\r\n"
+        f"Authorization: Bearer {live_server.token}\r\n\r\n"
+    )
+
+    def lazy() -> socket.socket | None:
+        """A connection that is served and never read; None while there are too many others."""
+        made = socket.socket()
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        made.connect(("127.0.0.1", live_server.port))
+        made.sendall(request.encode())
+        made.settimeout(10)
+        if made.recv(12, socket.MSG_PEEK).startswith(b"HTTP/1.1 200"):
+            return made
+        made.close()
+        return None
+
+    with until(lazy, "a stream") as held:
+        own = held.getsockname()
         until(lambda: not live_server.serves(own), "end of who does not read", 90)
 
 
