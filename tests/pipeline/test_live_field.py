@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import lfpipe
 from tests.live import made
 from tests.render import rendered
 from tests.support.films import write_film
@@ -25,6 +26,11 @@ with lfpipe.LiveScene(name, rows=1, cols=2, size_px=(128, 96)) as scene:
         scene.write(views, maps)
         time.sleep(1 / 30)
 """
+
+
+def remove_left(name: str) -> None:
+    """Removes what a program that was killed has left, as the next one of its name does."""
+    lfpipe.LiveScene(name, rows=1, cols=2, size_px=(64, 48)).close()
 
 
 @pytest.fixture
@@ -85,6 +91,7 @@ def test_session_keeps_the_last_picture_of_a_program_and_finds_it_again(
     program.terminate()
     program.wait()
     world.ctl("stop")
+    remove_left(name)
 
 
 @pytest.mark.live
@@ -103,3 +110,4 @@ def test_example_draws_a_live_scene(world: World, mode: str) -> None:
     finally:
         program.terminate()
         program.wait()
+        remove_left("ball")
