@@ -28,7 +28,7 @@ RETURN_PX = 1.0  # between the disparity of a point in both views: more, and one
 # Between two frames, in grey levels: below, a pixel has not changed but for the camera's noise, and
 # KEPT of its last disparity remains, unless that differs by MOVED_PX.
 NOISE_LEVELS, KEPT, MOVED_PX = 6.0, 0.75, 1.0
-# disparity of the nearest, and frames in a row below it, by which two cameras are exchanged
+# disparity of the nearest, and frames in a row below it, by which two cameras are swapped
 BEHIND_PX, BEHIND_FRAMES = -2.0, 30
 RANGE_PERCENT = (1.0, 99.0)  # of the disparities that count as farthest and nearest
 STEPS_PX = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)  # of stored disparity, which has 8 bits
@@ -75,7 +75,7 @@ class Estimator:
         self._engines = [_engine(*FINE), _engine(*COARSE)]
         self._states: dict[Pair, _PairState] = {}
         self.alignment = Alignment(live.width_px, live.height_px) if aligns else None
-        self.exchanged = False
+        self.swapped = False
         """Whether the left camera delivers the right view, as in the record of disparity."""
         self._behind = 0  # frames in a row in which everything is behind infinity
         self._step_px = STEPS_PX[1]
@@ -107,7 +107,7 @@ class Estimator:
         """
         self._behind = self._behind + 1 if nearest_px < BEHIND_PX else 0
         if self._behind == BEHIND_FRAMES:
-            self.exchanged = not self.exchanged
+            self.swapped = not self.swapped
             self.alignment = Alignment(self._live.width_px, self._live.height_px)
             self._states.clear()
 
@@ -115,7 +115,7 @@ class Estimator:
         """A view in grey at half its size, aligned."""
         live = self._live
         size = (live.width_px + 1) // 2, (live.height_px + 1) // 2
-        view_px = cut(frame, live, view, self.exchanged)
+        view_px = cut(frame, live, view, self.swapped)
         small = cv2.resize(view_px, size, interpolation=cv2.INTER_AREA)
         grey = np.asarray(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY), np.uint8)
         if self.alignment is not None and view[1] == live.cols - 1:

@@ -46,7 +46,7 @@ class LiveViews:
         self._views = np.zeros((1, *grid, 3, live.height_px, live.width_px), np.uint8)
         self._maps = np.full((1, *grid, *map_size(live)), UNKNOWN, np.int8)
         self._align = np.eye(2, 3, dtype=np.float32)
-        self._exchanged = False
+        self._swapped = False
         self._greens: dict[View, NDArray[np.uint8]] = {}  # of the frame of the disparity
         self._range: tuple[float, ...] = ()  # low, high, low and high at the border
         self._t_ns = 0
@@ -81,7 +81,7 @@ class LiveViews:
         self._maps[:] = UNKNOWN
         self._greens.clear()
         self._align = np.asarray(record["align"], np.float32)
-        self._exchanged = bool(record["exchanged"])
+        self._swapped = bool(record["swapped"])
         for k in range(int(record["count"])):
             row, col = record["views"][k].tolist()
             self._maps[0, row, col] = record["maps"][k]
@@ -107,13 +107,13 @@ class LiveViews:
     def _green(self, frame: NDArray[np.uint8], view: View) -> NDArray[np.uint8]:
         """A view of a frame at the size of its map."""
         rows, cols = map_size(self._live)
-        green = cut(frame, self._live, view, self._exchanged)[..., 1]
+        green = cut(frame, self._live, view, self._swapped)[..., 1]
         return np.asarray(cv2.resize(green, (cols, rows), interpolation=cv2.INTER_AREA), np.uint8)
 
     def _fill(self, frame: NDArray[np.uint8], views: Iterable[View]) -> None:
         two_cameras = self._live.rows * self._live.cols == 2
         for row, col in views:
-            picture = cut(frame, self._live, (row, col), self._exchanged)
+            picture = cut(frame, self._live, (row, col), self._swapped)
             if two_cameras and col == 1:
                 picture = aligned(picture, self._align)
             for channel in range(3):

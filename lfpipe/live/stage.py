@@ -81,10 +81,10 @@ class DisparityStage:
                 self._program.tell(self._at)
             if (known := self._program.found(stamp, views_of(pairs))) is not None:
                 return known
-        before = self._estimator.exchanged
+        before = self._estimator.swapped
         found = self._estimator.estimate(frame, pairs, coarse)
-        if self._estimator.exchanged != before:
-            self._context.notify("the two cameras stand the other way round: views exchanged")
+        if self._estimator.swapped != before:
+            self._context.notify("the two cameras stand the other way round: views swapped")
         return found
 
     def _pairs(self) -> list[Pair]:
@@ -96,7 +96,7 @@ class DisparityStage:
         record["scale_px"] = found.step_px
         record["low_px"], record["high_px"] = found.range_px
         record["positions"] = found.positions
-        record["exchanged"] = self._estimator.exchanged
+        record["swapped"] = self._estimator.swapped
         aligned = self._estimator.alignment
         record["align"] = np.eye(2, 3) if aligned is None else aligned.matrix
         for k, (view, disparity) in enumerate(found.maps.items()):

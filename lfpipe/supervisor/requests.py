@@ -29,7 +29,7 @@ from lfpipe.transport.control import BadMessage, Message
 
 logger = logging.getLogger(__name__)
 # outputs that can start and stop while a session runs:
-# request -> the option with its path, its name, the command that a user types
+# request -> the option with its path, its name, the command line
 OUTPUTS = {
     "trace": ("timeline", "trace", "lfpipe trace"),
     "record": ("record", "recording", "lfpipe ctl record"),

@@ -128,7 +128,7 @@ def test_alignment_of_cameras_in_a_row_changes_nothing() -> None:
     np.testing.assert_array_equal(empty.matrix, np.eye(2, 3, dtype=np.float32))
 
 
-def test_cameras_in_the_other_order_are_exchanged() -> None:
+def test_cameras_in_the_other_order_are_swapped() -> None:
     near = rendered.field(1, 2, 96, 128, scale=2.0)  # from -2 to 4 px; moved by 6: all positive
     live = made.source()
     frame = made.frame_of(near)
@@ -137,8 +137,8 @@ def test_cameras_in_the_other_order_are_exchanged() -> None:
     estimator = Estimator(live, aligns=True)
     for _ in range(40):
         found = estimator.estimate(other, PAIR)
-    assert estimator.exchanged and found.range_px[1] > 0
+    assert estimator.swapped and found.range_px[1] > 0
     right = Estimator(live, aligns=True)
     for _ in range(40):
         right.estimate(frame, PAIR)
-    assert not right.exchanged
+    assert not right.swapped
