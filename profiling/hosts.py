@@ -83,7 +83,10 @@ class Interpreter:
         self._env |= {"XDG_RUNTIME_DIR": str(folder)}
         if not self.own:
             subprocess.run(
-                ["uv", "sync", "--quiet", "--python", path], cwd=ROOT, env=self._env, check=True
+                ["uv", "sync", "--quiet", "--group", "dev", "--python", path],
+                cwd=ROOT,
+                env=self._env,
+                check=True,
             )
         self._python = place / "bin/python"
 

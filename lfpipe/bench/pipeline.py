@@ -33,7 +33,7 @@ from lfpipe.host.child import python
 from lfpipe.scene.lightfield import LightField
 from lfpipe.sequence.eyes import Truth
 from lfpipe.sequence.folder import is_sequence
-from lfpipe.track.models import package_folder
+from lfpipe.track.models import has_face_mesh
 
 PAPER_ALPHA_PX = 12.0  # px of the camera per view: chosen by hand, as in the paper
 STEADY_S = 1.0  # after the first picture every stage has started and found the face
@@ -253,9 +253,9 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
     }
     seconds = min(STEADY_S + sequence.count / sequence.rate_hz, MAX_S)  # the sequence once
     runs: dict[str, Callable[[], SessionRun]] = {}
-    if package_folder() is None or is_sequence(sequence.path):
+    if not has_face_mesh() or is_sequence(sequence.path):
         yield (
-            "paper as a plain loop: it needs mediapipe, which is not installed, or a video; its"
+            "paper as a plain loop: it needs mediapipe's FaceMesh and a video; its"
             " configuration runs"
         )
     else:

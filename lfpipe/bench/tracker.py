@@ -14,7 +14,7 @@ from lfpipe.bench.results import Value, mean_of, rms
 from lfpipe.bench.runner import Offer, Prepared, Variant, cpu_ms
 from lfpipe.config import Track, choices
 from lfpipe.track.make_engine import make_engine
-from lfpipe.track.models import package_folder
+from lfpipe.track.models import has_face_mesh
 
 WIDTHS_PX = (640, 320), (640, 320, 160)  # quick and full
 REPETITION_FRAMES = 12  # of each repetition
@@ -52,9 +52,9 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
     if len(widths) < len(offered):
         yield f"input wider than {width_px} px: the frames of the sequence are smaller"
     engines = list(choices("track.engine"))
-    if package_folder() is None:
+    if not has_face_mesh():
         engines.remove("mediapipe")
-        yield "engine mediapipe: the package is not installed"
+        yield "engine mediapipe: no FaceMesh is installed"
     for name, refine, width in itertools.product(engines, (False, True), widths):
         size = (width, round(height_px * width / width_px))
         track = Track(engine=name, refine=refine)  # type: ignore[arg-type]

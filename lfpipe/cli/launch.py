@@ -468,10 +468,10 @@ def with_engine(config: Config) -> Config:
 
     Fetches its networks if they are missing. Raises UserError.
     """
-    if config.track.engine == "mediapipe" and models.package_folder() is None:
+    if config.track.engine == "mediapipe" and not models.has_face_mesh():
         say(
-            "engine  mediapipe is not installed here: using track.engine=litert, which runs the"
-            " same landmark network"
+            f"engine  mediapipe has no FaceMesh here ({models.PACKAGE} has): using"
+            " track.engine=litert, which runs the same landmark network"
         )
         config = attrs.evolve(config, track=attrs.evolve(config.track, engine="litert"))
     if config.track.engine == "litert" and models.missing_models():

@@ -39,8 +39,9 @@ class MediapipeEngine:
         except (ImportError, AttributeError) as error:
             raise UserError(
                 f"track.engine = mediapipe: this installation has no FaceMesh ({error})",
-                "set track.engine=litert, or install mediapipe==0.10.21, the last version that"
-                " includes it (up to Python 3.12)",
+                "set track.engine=litert, which runs the same landmark network, or install"
+                " mediapipe==0.10.21, the last version with FaceMesh (up to Python 3.12); the"
+                " FaceLandmarker of newer ones cannot run its networks",
             ) from None
         self.model = f"FaceMesh{' with iris refinement' if refine else ''}, mediapipe {version}"
         self._eyes = (

@@ -1,8 +1,9 @@
 """The face networks: four files of one mediapipe wheel, from the installed package or from the
 user's data folder.
 
-mediapipe has no wheel for some machines and Pythons. There, the files are taken from a wheel for
-another platform, which uv or pip fetches by the package's name. All wheels contain the same files.
+Newer versions of mediapipe carry no networks, and the last one that does has no wheel for some
+machines and Pythons. There, the files are taken from a wheel of that version for another platform,
+which uv or pip fetches by the package's name. All its wheels contain the same files.
 """
 
 import hashlib
@@ -71,6 +72,12 @@ def package_folder() -> Path | None:
     spec = importlib.util.find_spec("mediapipe")  # for a top-level package, this does not import it
     folders = list(spec.submodule_search_locations or []) if spec else []
     return Path(folders[0]) if folders else None
+
+
+def has_face_mesh() -> bool:
+    """True if the installed mediapipe can run FaceMesh, which versions after 0.10.21 lack."""
+    folder = package_folder()
+    return folder is not None and is_file(folder / "python" / "solutions" / "face_mesh.py")
 
 
 def data_folder() -> Path:

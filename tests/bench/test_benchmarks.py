@@ -14,12 +14,12 @@ from lfpipe.bench.inputs import FrameSequence, demo_sequence, read_sequence
 from lfpipe.bench.results import Results
 from lfpipe.bench.runner import Variant
 from lfpipe.sequence.eyes import Truth
-from lfpipe.track.models import package_folder
+from lfpipe.track.models import has_face_mesh
 from tests.bench.inputs import inputs, wall
 from tests.replay.conftest import make_sequence
 
-# mediapipe has no wheel for some Pythons and machines
-PAPER = ["mediapipe, 640x480"] if package_folder() else []
+# mediapipe has no FaceMesh for some Pythons and machines
+PAPER = ["mediapipe, 640x480"] if has_face_mesh() else []
 
 
 @pytest.fixture(scope="module")

@@ -46,7 +46,7 @@ def commands() -> dict[str, tuple[str, bool]]:
     for place, lines, block in texts():
         for line in lines:
             for part in re.split(r"&&|\|\||;| \| ", line.split(" #")[0]):
-                words = part.strip().removeprefix("uv run ").removeprefix("ssh HOST ")
+                words = re.sub(r"^(\S*uv run|ssh HOST) ", "", part.strip())
                 if words.startswith(("lfpipe ", "python -m ")) and not of_missing_extras(words):
                     found.setdefault(words, (place, block))
     return found

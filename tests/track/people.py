@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from lfpipe.config import Track
 from lfpipe.eyes import EYES
 from lfpipe.track.eye_tracker import EyeTracker
-from lfpipe.track.models import package_folder
+from lfpipe.track.models import has_face_mesh
 
 FACES = Path(__file__).parents[3] / "shared" / "data" / "faces"  # beside the checkout
 SIZE = (640, 480)
 RATE_HZ = 30.0
 needs_mediapipe = pytest.mark.skipif(
-    package_folder() is None, reason="mediapipe has no wheel for this Python or machine"
+    not has_face_mesh(), reason="no mediapipe with FaceMesh for this Python or machine"
 )
 needs_faces = pytest.mark.skipif(
     not (FACES / "eyes_truth.csv").is_file(), reason=f"the sample faces are not in {FACES}"

@@ -135,4 +135,4 @@ def test_up_falls_back_to_litert_and_fetches_its_networks(
     monkeypatch.setattr(models, "fetch_models", lambda say: models.install_models(wheel))
     config = with_engine(Config(track=Track(engine="mediapipe")))
     assert config.track.engine == "litert" and not models.missing_models()
-    assert "mediapipe is not installed" in capsys.readouterr().err
+    assert "mediapipe has no FaceMesh here" in capsys.readouterr().err
