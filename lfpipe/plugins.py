@@ -22,16 +22,18 @@ import contextlib
 import functools
 import importlib.metadata
 import logging
+import numbers
 import pkgutil
 from collections.abc import Callable, Collection, Iterator, Mapping
 from types import FunctionType, UnionType
-from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import attrs
-import numpy as np
-from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 LAYOUTS, ENGINES, FILTERS, DISPLAYS, SOURCES, COMMANDS, STAGES, REQUESTS = GROUPS = (
     "lfpipe.layouts",
@@ -50,8 +52,8 @@ Hint = Any
 Results = Mapping[str, Hint]
 T = TypeVar("T")
 KINDS: dict[type, tuple[type, ...]] = {  # what a program may return for another type
-    int: (int, np.integer),
-    float: (int, float, np.integer, np.floating),
+    int: (numbers.Integral,),  # numpy's too
+    float: (numbers.Real,),
     tuple: (tuple, list),
 }
 
@@ -104,10 +106,12 @@ def _fields(kind: type) -> dict[str, Hint]:
     return {field.name: hints[field.name] for field in attrs.fields(kind)}
 
 
-def array(*shape: int, kinds: str = "f") -> Callable[[Any], NDArray[Any]]:
+def array(*shape: int, kinds: str = "f") -> "Callable[[Any], NDArray[Any]]":
     """For `conform`: an array of that shape, of a dtype whose kind is one of those."""
 
-    def converted(value: Any) -> NDArray[Any]:
+    import numpy as np  # which commands without arrays do not wait for
+
+    def converted(value: Any) -> "NDArray[Any]":
         made = np.asarray(value, np.float64) if kinds == "f" else value
         if not isinstance(made, np.ndarray) or made.shape != shape or made.dtype.kind not in kinds:
             raise TypeError(f"not an array of {' x '.join(map(str, shape))}")

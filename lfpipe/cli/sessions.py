@@ -1,4 +1,7 @@
-"""Commands to running sessions: `lfpipe monitor`, `ctl` and `trace`."""
+"""Commands to running sessions: `lfpipe monitor`, `ctl` and `trace`.
+
+Scripts ask often: what an answer alone does not need is imported where it is used.
+"""
 
 import itertools
 import json
@@ -13,10 +16,7 @@ from lfpipe.cli.options import PATH, SESSION, complete_settings
 from lfpipe.cli.plugged import ExtensibleGroup
 from lfpipe.cli.terminal import print_result
 from lfpipe.config import converter, parse_set
-from lfpipe.monitor.monitor import print_state, run
-from lfpipe.monitor.session_reader import ask
-from lfpipe.monitor.timeline import begin_trace, convert, finish_trace
-from lfpipe.supervisor.metrics import SessionMetrics
+from lfpipe.supervisor.rundir import ask
 from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S, Message
 
 LOAD_S = 900.0  # packing a large scene takes minutes
@@ -34,6 +34,8 @@ def monitor(session_name: str, once: bool, as_json: bool) -> None:
     If the session ends, the monitor waits for it to restart.
     Keys: q quit, p pause, r reset, t record a timeline, w toggle warp, m mode, c recentre.
     """
+    from lfpipe.monitor.monitor import run
+
     run(session_name, once, as_json)
 
 
@@ -71,6 +73,9 @@ def _send(session_name: str, as_json: bool, message: Message, timeout_s: float =
     if as_json:
         print_result(json.dumps(answer))
     elif message["cmd"] == "status":
+        from lfpipe.monitor.monitor import print_state
+        from lfpipe.supervisor.metrics import SessionMetrics
+
         print_state(converter().structure(answer, SessionMetrics), answer["paused"])
     else:
         facts = [
@@ -87,7 +92,7 @@ def load_scene(session_name: str, scene: Path) -> None:
 
 
 def _absolute(scene: Path) -> str:
-    from lfpipe.scene.open_scene import absolute_path  # few commands need it
+    from lfpipe.scene.open_scene import absolute_path  # itself slow to import
 
     return str(absolute_path(scene, configuration.load().scene))
 
@@ -171,6 +176,8 @@ def start_trace(out: Path | None, session_name: str) -> None:
 
     OUT.jsonl defaults to a name with the current time, in this folder.
     """
+    from lfpipe.monitor.timeline import begin_trace
+
     path = begin_trace(partial(ask, session_name), out)
     print_result(f"tracing to {path}; end it with `lfpipe trace stop`")
 
@@ -179,6 +186,8 @@ def start_trace(out: Path | None, session_name: str) -> None:
 @SESSION
 def stop_trace(session_name: str) -> None:
     """End the trace."""
+    from lfpipe.monitor.timeline import finish_trace
+
     path = finish_trace(partial(ask, session_name))
     print_result(f"{path}: convert it to a timeline with `lfpipe trace timeline {path}`")
 
@@ -191,6 +200,8 @@ def write_timeline(source: Path, out: Path | None) -> None:
 
     OUT.json defaults to the name of the trace.
     """
+    from lfpipe.monitor.timeline import convert
+
     out = out or source.with_suffix(".json")
     convert(source, out)
     print_result(

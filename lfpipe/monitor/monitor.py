@@ -17,12 +17,12 @@ from rich.text import Text
 from lfpipe.config import choices
 from lfpipe.errors import UserError, plain
 from lfpipe.host.terminal import Keyboard
-from lfpipe.monitor.session_reader import Follower, Sample, Watch, ask, snapshot
+from lfpipe.monitor.session_reader import Follower, Sample, Watch, snapshot
 from lfpipe.monitor.timeline import begin_trace, finish_trace
 from lfpipe.notices import latency_lines
 from lfpipe.supervisor.metrics import MotionToPhoton, SessionMetrics, StageMetrics
 from lfpipe.supervisor.process_table import SOURCE
-from lfpipe.supervisor.rundir import find
+from lfpipe.supervisor.rundir import ask, find
 from lfpipe.transport.control import Message
 from lfpipe.transport.histogram import quantiles
 from lfpipe.transport.metrics import Value

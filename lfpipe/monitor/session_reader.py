@@ -14,10 +14,8 @@ from lfpipe.host.processes import rss_bytes
 from lfpipe.host.segment import WrongSegment
 from lfpipe.supervisor.metrics import SessionMetrics, session_metrics
 from lfpipe.supervisor.process_table import SHOWN_BY
-from lfpipe.supervisor.rundir import find
-from lfpipe.transport import control
+from lfpipe.supervisor.rundir import ask, find
 from lfpipe.transport.clock import SECOND_NS, now_ns
-from lfpipe.transport.control import Message
 from lfpipe.transport.histogram import MIDDLES_US
 from lfpipe.transport.session import MANIFEST, Session, SessionManifest
 from lfpipe.transport.status import Table
@@ -27,14 +25,6 @@ WINDOW_S = 10.0
 HELLO_S = 0.5  # timeout for the settings; metrics need no answer
 Rows = dict[str, NDArray[np.void]]
 HISTOGRAMS = ("wait", "busy", "age", "histograms")
-
-
-def ask(name: str, message: Message, timeout_s: float = 2.0) -> Message:
-    """Sends one command to the session that has this name now; returns its answer.
-
-    Raises UserError.
-    """
-    return control.request(find(name).run_dir, message, timeout_s)
 
 
 def snapshot(name: str, timeout_s: float = 2.0) -> Snapshot:

@@ -18,7 +18,7 @@ from lfpipe.errors import UserError
 from lfpipe.host import file_lock, processes, segment
 from lfpipe.host.file_lock import Lock
 from lfpipe.host.files import is_missing
-from lfpipe.transport import control, status
+from lfpipe.transport import control
 from lfpipe.transport.session import PREFIX, Session, base_dir, place_prefix
 
 # to take a lock: a process that sweeps or lists sessions holds one briefly
@@ -187,8 +187,10 @@ def _resume_stages(name: str) -> None:
 
     name: of a segment; nothing happens unless it holds a status table of this version.
     """
+    from lfpipe.transport.status import Table  # needs numpy, which `find` does not wait for
+
     with contextlib.suppress(FileNotFoundError, ValueError):
-        table = status.Table(name)
+        table = Table(name)
         pids = [int(row["pid"]) for row in table.rows.values()]
         table.close()
         for pid in pids:
@@ -238,3 +240,11 @@ def find(name: str) -> Session:
             f"use one that is running: {others}" if others else "start one: `lfpipe up --demo`",
         )
     return session
+
+
+def ask(name: str, message: control.Message, timeout_s: float = 2.0) -> control.Message:
+    """Sends one command to the session that has this name now; returns its answer.
+
+    Raises UserError.
+    """
+    return control.request(find(name).run_dir, message, timeout_s)

@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 from lfpipe.config import converter
 from lfpipe.errors import UserError
 from lfpipe.monitor.monitor import photon_words
-from lfpipe.monitor.session_reader import Follower, Sample, ask
+from lfpipe.monitor.session_reader import Follower, Sample
 from lfpipe.render.synthesis.zero_plane import zero_planes_px
+from lfpipe.supervisor.rundir import ask
 from lfpipe.transport import control, ring
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.session import Session
