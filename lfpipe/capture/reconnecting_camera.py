@@ -57,7 +57,8 @@ class ReconnectingCamera:
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
         self._thread.start()
         self._opened.wait(FIRST_S)
-        self._fresh_ns = time.monotonic_ns()  # when the last frame came
+        # when the last frame came, and the present one was asked for
+        self._fresh_ns = self._asked_ns = time.monotonic_ns()
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
         """See `FrameSource.read`; waits at most WAIT_S. out belongs to the thread until a frame has
@@ -68,6 +69,7 @@ class ReconnectingCamera:
         """
         if not self._requested:
             self._requested = True
+            self._asked_ns = time.monotonic_ns()
             self._requests.put(out)
         try:
             answer = self._answers.get(timeout=WAIT_S)
@@ -77,7 +79,8 @@ class ReconnectingCamera:
             if called_ns and t_ns - called_ns > HUNG_S * 1e9:
                 why = f"{self.info.name}: its driver has not answered for {HUNG_S:g} s"
                 raise UserError(why, "unplug the camera and plug it in again") from None
-            silent_s = (t_ns - self._fresh_ns) / 1e9
+            # a session that works less asks for fewer frames
+            silent_s = (t_ns - max(self._fresh_ns, self._asked_ns)) / 1e9
             if silent_s <= max(STALL_S, STALL_PERIODS / self.info.rate_hz):
                 raise TimeoutError from None
             raise self._no_frame(f"{self.info.name}: no frame for {silent_s:.1f} s") from None

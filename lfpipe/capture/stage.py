@@ -3,8 +3,9 @@
 Reads: the source in option "source".
 Writes: ring "frames", one slot per frame, decoded in place; while a recording runs, ring "packets"
 with the original JPEGs.
-Commands: stop; pause and resume by configuration (the stage still reads the source but drops
-frames).
+Commands: stop; pause and resume by configuration: a recording stands still, and a camera is read
+once a second, its frames dropped. While nobody looks, eight frames a second are published, and a
+camera is read as often.
 Emits: source (what was opened), camera (lost, found), notice (the same for people).
 State: READY, not RUNNING, while no camera delivers frames.
 """
@@ -21,7 +22,7 @@ from lfpipe.capture.reconnecting_camera import CameraLost
 from lfpipe.capture.schedule import Lateness
 from lfpipe.config import Camera
 from lfpipe.config.modes import Lossless
-from lfpipe.transport.clock import SleepWatch, now_ns
+from lfpipe.transport.clock import SECOND_NS, SleepWatch, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.packet_ring import PacketOutput
 from lfpipe.transport.status import State
@@ -31,6 +32,8 @@ log = logging.getLogger(__name__)
 LIGHT_FRAMES = 45  # 1.5 s at 30 Hz: their mean interval is the rate
 DIM_SHARE, BRIGHT_SHARE = 0.8, 0.9  # of the negotiated rate
 LATE_PERIODS = 2  # a camera's driver would have kept as many
+# between two frames of a camera while the session is paused, and while nobody looks
+PAUSED_NS, IDLE_NS = SECOND_NS, SECOND_NS // 8
 
 
 class _LightWatch:
@@ -93,6 +96,9 @@ class CaptureStage:
         self._lost_ns = 0  # since then there is no camera; 0: there is one
         self._broken = 0
         self._next_seq = 0
+        self._is_viewers = ring == "frames"
+        self._published_ns = 0
+        self._rested = False  # whether the last frame was read while the session was idle
         self._ended = False
 
     def _report_source(self) -> None:
@@ -110,16 +116,40 @@ class CaptureStage:
         context = self._context
         if not self._live and not context.wait_for_others():
             return
-        while context.wait(now_ns()) and not self._ended:
+        next_ns = 0  # when a frame is read
+        while context.wait(next_ns) and not self._ended:
             context.ack_config()
-            if context.paused and self._lossless:
-                context.wait()  # no clock drives this source: stop it
-                continue
             t_begin_ns = now_ns()
+            if context.paused and not self._live:
+                self._stand_still()
+                continue
+            if t_begin_ns < next_ns and context.idle:
+                continue  # woken by a message
+            next_ns = t_begin_ns + self._rest_ns()
             frame = self._read()
             if frame is not None:
                 # from the driver, or the disk, to the decoded picture
                 self._publish(frame, now_ns() - (frame.t_read_ns or t_begin_ns))
+
+    def _stand_still(self) -> None:
+        """Stops a recording and its clock while the session is paused."""
+        began_ns = now_ns()
+        while self._context.paused and self._context.wait():
+            self._context.ack_config()
+        if not self._lossless:
+            self._lateness.moved_ns += now_ns() - began_ns
+
+    def _rest_ns(self) -> int:
+        """The time from one frame of a camera to the next one that is read, beyond its own."""
+        if not self._live:
+            return 0
+        if self._context.paused:
+            return PAUSED_NS
+        return IDLE_NS if self._nobody_looks else 0
+
+    @property
+    def _nobody_looks(self) -> bool:
+        return self._is_viewers and self._context.options.idle
 
     def _read(self) -> Frame | None:
         """The next frame, decoded into the ring's slot; None if none came."""
@@ -161,14 +191,19 @@ class CaptureStage:
         frames = self._frames
         t_sensor_ns = frame.t_sensor_ns + self._lateness.moved_ns
         self._watch_content(frame.t_sensor_ns)
+        stale = False
         if self._live:
             lost = frame.source_seq - self._next_seq
             self._next_seq = frame.source_seq + 1
-            context.row["drops"] += lost
+            context.row["left_out" if self._rested else "drops"] += lost
             self._light.add(frame, self._source.info, lost)
-        if context.paused:
+            stale = self._rested and not context.idle  # the driver kept it
+            self._rested = context.idle
+        spare = self._nobody_looks and t_sensor_ns < self._published_ns + IDLE_NS
+        if context.paused or stale or spare:
             context.row["left_out"] += 1
             return
+        self._published_ns = t_sensor_ns
         if self._packets is not None:
             self._packets.set_options(context.options)
             self._packets.publish(

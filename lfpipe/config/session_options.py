@@ -170,6 +170,8 @@ class SessionOptions:
     start: bool = False
     # ask which glasses the user has
     ask_glasses: bool = False
+    # nobody has looked for a while: cameras are read less often
+    idle: bool = False
     # None until they are measured
     costs: DrawingCosts | None = None
     # the quality in force, None for full

@@ -97,6 +97,11 @@ class EyesSource:
             record, stamp, stamp.t_sensor_ns, waited_ns=max(t_ns - stamp.t_publish_ns, 0)
         )
 
+    @property
+    def has_face(self) -> bool:
+        """Whether the newest record is of a face."""
+        return self._newest is not None and bool(self._newest.record.face)
+
     def forget(self) -> None:
         """Forgets the newest record: another viewer looks."""
         self._newest = None

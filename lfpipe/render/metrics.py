@@ -6,6 +6,7 @@ from lfpipe.transport.metrics import Kind, Metric, MetricSet
 VIEWER_STATES = tuple(state.word for state in ViewerState)
 METRICS = MetricSet(
     Metric("face", Kind.FLAG, "the newest picture was made for a face"),
+    Metric("resting", Kind.FLAG, "no refresh needs a picture, because nothing changes"),
     Metric("t_face_ns", Kind.STAMP, "last picture for a face, or the start of the stage"),
     Metric("viewer", Kind.STATE, "the viewer's presence", VIEWER_STATES),
     Metric("planned", Kind.COUNT, "refreshes of a screen that reports its vblanks"),

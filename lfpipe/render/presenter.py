@@ -72,6 +72,8 @@ class Presenter:
         """Running mean of composing and showing a picture."""
         self.picture: NDArray[np.uint8] | None = None
         """The last picture on the screen."""
+        self.changed_ns = 0
+        """When a picture was last composed, or asked for."""
 
     def saved_picture(self) -> NDArray[np.uint8] | None:
         """The last picture, for a file: the scene's at its own size. None before the first one."""
@@ -82,6 +84,7 @@ class Presenter:
     def redraw(self) -> None:
         """Composes the next picture even if its key is unchanged."""
         self._key = None
+        self.changed_ns = now_ns()
 
     def draw_by(self, draw: Draw) -> None:
         """Sets the function that draws the following pictures."""
@@ -98,6 +101,7 @@ class Presenter:
         drawing = None
         if key != self._key or not display_time.refresh_ns:
             self._key = key
+            self.changed_ns = t_started_ns
             drawing = self._draw(self._viewer, key)
             self.picture = drawing.picture
             self._number += 1

@@ -38,6 +38,7 @@ from lfpipe.config.quality import lowered
 from lfpipe.errors import UserError
 from lfpipe.eyes import EYES, EyesRecord
 from lfpipe.host.processes import run_on
+from lfpipe.host.wake import readable
 from lfpipe.plugins import PluginError
 from lfpipe.render.choice import DisplayTime, EyesSource
 from lfpipe.render.display.display import Display
@@ -64,7 +65,7 @@ from lfpipe.render.viewer.viewer import Canvas, Viewer
 from lfpipe.scene.inverted_depth import shown_as
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import open_pack
-from lfpipe.transport.clock import MS_NS, now_ns
+from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Stamp
 
@@ -73,6 +74,8 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 SERVE_NS = 100 * MS_NS  # between two checks of the notices of a display without keys
+# without a change, refreshes need no picture; the viewpoint is checked this often for the next
+REST_AFTER_NS, REST_NS = SECOND_NS, SECOND_NS // 2
 
 
 def _overlay_view() -> "OverlayView":
@@ -141,7 +144,7 @@ class RenderStage:
             )
         self._keep_choice()
         self._interactive = isinstance(options.display, Window | Plugin)
-        self._serve_ns = 0
+        self._serve_ns = self._rest_until_ns = 0
         self._viewer.set_width(self._display.width_mm())
         self._eyes = EyesInput(context, EyesSource(self._lossless))
         self._mouse = MouseLook(
@@ -304,19 +307,45 @@ class RenderStage:
     def _run_on_refreshes(self, refresh: Refresh) -> None:
         context = self._context
         refresh.advance(now_ns())  # none was missed while the stage started
-        while context.wait(refresh.start_ns()):
+        while self._wait_for_refresh(refresh):
             if context.news:
                 self._take_news()
                 refresh.limit(self._config.render.rate_hz, self._config.render.nominal_hz)
             if (fresh := self._eyes.take()) is not None:
+                if self._eyes.source.has_face:
+                    self._presenter.changed_ns = now_ns()
                 refresh.add_eyes(fresh.source_seq, fresh.t_sensor_ns, now_ns())
             self._take_live()
-            if now_ns() >= refresh.start_ns():
+            if now_ns() >= max(refresh.start_ns(), self._rest_until_ns):
+                if context.row["resting"]:
+                    refresh.advance(now_ns())  # from refreshes that needed no picture
                 if not context.paused:
                     self._show(refresh.due_ns(), refresh.period_ns)
-                if count := refresh.advance(now_ns()):
+                if (count := refresh.advance(now_ns())) and not context.row["resting"]:
                     self._status.missed(count)
             self._after_picture()
+
+    def _wait_for_refresh(self, refresh: Refresh) -> bool:
+        """Waits for the next refresh; while nothing changes, for an event or news. Returns False at
+        the stop.
+        """
+        # displays of other packages are asked at every refresh
+        fds = None if isinstance(self._options.display, Plugin) else self._display.fds
+        can_rest = fds is not None and self._live is None and not self._field.frame_rate_hz
+        can_rest &= not (self._options.trace or self._options.timeline)
+        rests = can_rest and now_ns() - self._presenter.changed_ns > REST_AFTER_NS
+        self._context.row["resting"] = rests
+        if not rests or fds is None:
+            self._rest_until_ns = 0
+            return self._context.wait(refresh.start_ns())
+        if now_ns() >= self._rest_until_ns:
+            self._rest_until_ns = now_ns() + REST_NS
+        goes_on = self._context.wait(self._rest_until_ns, fds=fds)
+        if readable(fds, 0.0):
+            self._presenter.changed_ns = now_ns()
+        if now_ns() - self._presenter.changed_ns < REST_AFTER_NS:
+            self._rest_until_ns = 0
+        return goes_on
 
     def _take_live(self) -> None:
         """Takes the newest frame of a live scene."""

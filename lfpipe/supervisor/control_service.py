@@ -41,9 +41,8 @@ class Control(Service):
     def fds(self) -> Sequence[int]:
         return self._sockets.fds
 
-    def wait_ns(self, t_ns: int) -> int:
-        wait_ns = self._sockets.wait_ns()
-        return super().wait_ns(t_ns) if wait_ns is None else wait_ns
+    def wait_ns(self, t_ns: int) -> int | None:
+        return self._sockets.wait_ns()
 
     def update(self, state: SessionState, t_ns: int) -> Iterator[Effect]:
         if t_ns > self._lines_ns + LINES_NS:
@@ -94,8 +93,8 @@ class Delivery(Service):
         self._store = store
         self._stages = stages
 
-    def wait_ns(self, t_ns: int) -> int:
-        return PENDING_NS if self._pending else super().wait_ns(t_ns)
+    def wait_ns(self, t_ns: int) -> int | None:
+        return PENDING_NS if self._pending else None
 
     def update(self, state: SessionState, t_ns: int) -> Iterator[Effect]:
         if new_state := self._store.take_message():

@@ -15,7 +15,8 @@ from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.clock import MS_NS
 from lfpipe.transport.control import Message
 
-TICK_NS = 100 * MS_NS  # heartbeats are due as often; a descriptor wakes the loop sooner
+# Heartbeats are due as often, also while stages are idle; a descriptor wakes the loop sooner.
+TICK_NS, IDLE_TICK_NS = 100 * MS_NS, 500 * MS_NS
 
 
 @attrs.frozen
@@ -98,9 +99,9 @@ class Service:
         """Descriptors that wake the supervisor."""
         return ()
 
-    def wait_ns(self, t_ns: int) -> int:
-        """The longest time until the next `update`. t_ns: now."""
-        return TICK_NS
+    def wait_ns(self, t_ns: int) -> int | None:
+        """The time until `update` must be called, if it has a deadline. t_ns: now."""
+        return None
 
     def update(self, state: SessionState, t_ns: int) -> Iterable[Effect]:
         """The effects since the last call. state: the current one. t_ns: now."""

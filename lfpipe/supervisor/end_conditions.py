@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from lfpipe.host.file_lock import Lock
-from lfpipe.supervisor.effects import TICK_NS, Effect, EndKind, Outcome, Service
+from lfpipe.supervisor.effects import Effect, EndKind, Outcome, Service
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.supervisor.session_store import SessionStore
 from lfpipe.supervisor.stage_process import StageProcesses
@@ -50,8 +50,8 @@ class Limits(Service):
         self._signals = signals
         self._end_ns: int | None = None
 
-    def wait_ns(self, t_ns: int) -> int:
-        return TICK_NS if self._end_ns is None else self._end_ns - t_ns
+    def wait_ns(self, t_ns: int) -> int | None:
+        return None if self._end_ns is None else self._end_ns - t_ns
 
     def update(self, state: SessionState, t_ns: int) -> Iterator[Effect]:
         if self._signals:

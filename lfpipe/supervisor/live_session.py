@@ -24,6 +24,8 @@ from lfpipe.supervisor import process_table
 from lfpipe.supervisor.control_service import Control, Delivery
 from lfpipe.supervisor.control_sockets import ControlSockets
 from lfpipe.supervisor.effects import (
+    IDLE_TICK_NS,
+    TICK_NS,
     Answer,
     Change,
     Effect,
@@ -35,6 +37,7 @@ from lfpipe.supervisor.effects import (
 )
 from lfpipe.supervisor.end_conditions import FilesInPlace, Limits
 from lfpipe.supervisor.fault_watch import FaultWatch
+from lfpipe.supervisor.idle_watch import IdleWatch
 from lfpipe.supervisor.metrics import SessionMetrics, session_metrics
 from lfpipe.supervisor.pending_answers import PendingAnswers
 from lfpipe.supervisor.picture_lease import PictureLease
@@ -115,6 +118,7 @@ class LiveSession:
             PictureLease(),
             self._faults,
             Quality(self._table, self._cpus),
+            IdleWatch(self._table),
             self._control,
             *self._replies.services,
             self._delivery,
@@ -145,7 +149,10 @@ class LiveSession:
             for fd in service.fds:
                 poller.register(fd, zmq.POLLIN)
         t_ns = now_ns()
-        wait_ns = min(service.wait_ns(t_ns) for service in services)
+        longest_ns = IDLE_TICK_NS if self._store.state.idle else TICK_NS
+        deadlines = (service.wait_ns(t_ns) for service in services)
+        wait_ns = min((left for left in deadlines if left is not None), default=longest_ns)
+        wait_ns = min(wait_ns, longest_ns)
         poller.poll(max(0, -(-wait_ns // MS_NS)))
 
     def _update(self, service: Service) -> None:

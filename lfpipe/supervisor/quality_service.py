@@ -21,6 +21,8 @@ class Quality(Service):
         self._notified = False
 
     def update(self, state: SessionState, t_ns: int) -> Iterator[Effect]:
+        if state.idle:
+            return  # with little to do, the stages say nothing about the load
         lowest = len(state.levels) - 1
         level = state.level
         step = self._control.sample(state, self._table.rows, t_ns)

@@ -82,6 +82,11 @@ class SessionState:
         )
 
     @property
+    def idle(self) -> bool:
+        """Whether the session is paused, or nobody looks."""
+        return self.paused or self.options.idle
+
+    @property
     def levels(self) -> tuple[QualityLevel, ...]:
         """The quality levels allowed here; only full quality if nothing may depend on load."""
         all_levels = quality_levels(self.config, self.options)

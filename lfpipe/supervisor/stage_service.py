@@ -30,8 +30,8 @@ class StageFailures(Service):
     def fds(self) -> Sequence[int]:
         return self._stages.ended_fds
 
-    def wait_ns(self, t_ns: int) -> int:
-        return 0 if self._ended else super().wait_ns(t_ns)
+    def wait_ns(self, t_ns: int) -> int | None:
+        return 0 if self._ended else None
 
     def update(self, state: SessionState, t_ns: int) -> Iterator[Effect]:
         self._ended.extend(self._stages.check())

@@ -76,6 +76,7 @@ def _track(context: Context) -> None:
                 log.info(
                     "face %s at frame %d", "found" if tracker.seen else "lost", stamp.source_seq
                 )
+                context.row["face"] = tracker.seen  # before the event, which wakes its readers
                 context.emit("face", found=tracker.seen, source_seq=stamp.source_seq)
             record = eyes.begin()
             tracker.write(record, image)

@@ -18,7 +18,8 @@ from lfpipe.transport.ring_io import RingInput, RingOutput, StageSpec
 from lfpipe.transport.status import State
 
 logger = logging.getLogger(__name__)
-BEAT_NS = 100 * MS_NS  # longest wait of a stage without a heartbeat
+# longest wait of a stage without a heartbeat, and that while there is little to do
+BEAT_NS, IDLE_BEAT_NS = 100 * MS_NS, 500 * MS_NS
 
 
 class Context:
@@ -173,9 +174,16 @@ class Context:
         self._answers = []
         return taken
 
-    def wait(self, until_ns: int | None = None, inputs: bool = True) -> bool:
-        """Sleeps until an input has a new slot, a command or the stop arrives, or until_ns; at most
-        BEAT_NS.
+    @property
+    def idle(self) -> bool:
+        """Whether there is little to do: the session is paused, or nobody looks."""
+        return self.paused or self.options.idle
+
+    def wait(
+        self, until_ns: int | None = None, inputs: bool = True, fds: Sequence[int] = ()
+    ) -> bool:
+        """Sleeps until an input has a new slot, a command or the stop arrives, one of fds can be
+        read, or until_ns; at most BEAT_NS, while idle IDLE_BEAT_NS.
 
         Returns False once the stage must end. inputs: False if it cannot use their data now.
         """
@@ -184,9 +192,10 @@ class Context:
         for ring_input in self._inputs:
             ring_input.wait()
         t_ns = now_ns()
-        limit_ns = t_ns + BEAT_NS
+        limit_ns = t_ns + (IDLE_BEAT_NS if self.idle else BEAT_NS)
         until_ns = limit_ns if until_ns is None else min(until_ns, limit_ns)
-        self._sleep(self._fds if inputs else [self._ctl_fd], max(until_ns - t_ns, 0))
+        own = self._fds if inputs else [self._ctl_fd]
+        self._sleep([*own, *fds], max(until_ns - t_ns, 0))
         return not self.stopping
 
     def _sleep(self, fds: Sequence[int], left_ns: int) -> None:

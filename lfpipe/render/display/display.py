@@ -1,6 +1,7 @@
-"""The base class of displays, which shows nothing."""
+"""The base class of displays, which shows nothing, and that of `--display none`."""
 
 import time
+from collections.abc import Sequence
 
 import attrs
 import numpy as np
@@ -23,12 +24,15 @@ class DisplayNotice:
 
 
 class Display:
-    """Accepts pictures and shows nothing: `--display none`, and the base class of displays."""
+    """Accepts pictures and shows nothing."""
 
     pointer = Pointer()
     """The pointer, updated by `events`."""
     knows_rows = True
     """Whether it knows the screen rows of its pictures."""
+    fds: Sequence[int] | None = None
+    """Descriptors that can be read when `events` has news; None if it must be asked at every
+    refresh, or needs a picture then."""
 
     @property
     def vblank_source(self) -> str:
@@ -84,3 +88,9 @@ class Display:
 
     def close(self) -> None:
         """Closes the display and completes a file."""
+
+
+class NoDisplay(Display):
+    """Shows nothing, and has no events."""
+
+    fds = ()

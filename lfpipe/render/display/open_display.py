@@ -12,7 +12,7 @@ from lfpipe.errors import UserError
 from lfpipe.host.machine import has_desktop
 from lfpipe.host.presentation import Presented
 from lfpipe.plugins import DISPLAYS, Results, load, make, plugins
-from lfpipe.render.display.display import Display, DisplayNotice
+from lfpipe.render.display.display import Display, DisplayNotice, NoDisplay
 from lfpipe.render.display.overlay import Event, Pointer
 
 if TYPE_CHECKING:
@@ -143,4 +143,4 @@ def open_display(
             display: Display = make(DISPLAYS, name, RESULTS, argument, size_px, title, rate_hz)
             return display
         case Nothing():
-            return Display()
+            return NoDisplay()

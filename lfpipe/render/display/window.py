@@ -161,6 +161,7 @@ class ScreenWindow(Display):
             # else a window manager places the frame there, and the picture below its title
             self._window.position = self._at
         self._presentation = open_presentation(self._window)
+        self.fds = window_system.connection_fds(self._window)
         # Wayland hides the position of a window
         self.knows_rows = whole or self._driver != "wayland"
         self._numbers.clear()

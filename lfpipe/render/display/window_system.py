@@ -148,21 +148,42 @@ def monitor_number(window: pygame.Window) -> int:
     )
 
 
+def _handles(window: pygame.Window) -> tuple[int, int, int]:
+    """(system, display, window or surface) of a window; zeros if unknown."""
+    library = sdl_library()
+    info = _Handles()
+    info.version[:] = pygame.version.SDL
+    if not library.SDL_GetWindowWMInfo(library.SDL_GetWindowFromID(window.id), ctypes.byref(info)):
+        return 0, 0, 0
+    return int(info.system), int(info.handles[0] or 0), int(info.handles[1] or 0)
+
+
+def connection_fds(window: pygame.Window) -> tuple[int, ...] | None:
+    """The descriptor that can be read when the window has events; None if it is unknown."""
+    system, display, _ = _handles(window)
+    names = {_X11: ("libX11.so.6", "XConnectionNumber")}
+    names |= {_WAYLAND: ("libwayland-client.so.0", "wl_display_get_fd")}
+    if system not in names or not display:
+        return None
+    library, name = names[system]
+    try:
+        function = getattr(ctypes.CDLL(library), name)
+    except (OSError, AttributeError):
+        return None
+    function.argtypes = [ctypes.c_void_p]
+    return (int(function(display)),)
+
+
 def open_presentation(window: pygame.Window) -> XPresentation | WaylandPresentation | None:
     """The source of reports of this window's vblanks, or None.
 
     Call after creating the painter: it may replace the window.
     """
-    library = sdl_library()
-    info = _Handles()
-    info.version[:] = pygame.version.SDL
-    if not library.SDL_GetWindowWMInfo(library.SDL_GetWindowFromID(window.id), ctypes.byref(info)):
-        return None
-    first, second = int(info.handles[0] or 0), int(info.handles[1] or 0)
+    system, first, second = _handles(window)
     try:
-        if info.system == _WAYLAND and first and second:
+        if system == _WAYLAND and first and second:
             return WaylandPresentation(first, second)
-        if info.system == _X11 and second:
+        if system == _X11 and second:
             return XPresentation(second)
     except OSError:
         pass

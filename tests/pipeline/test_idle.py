@@ -1,0 +1,73 @@
+"""A session does little while nothing changes, and reacts at once when something does."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.support.films import write_film
+from tests.support.world import World
+from tests.support.xvfb_screen import Screen, needs_xdotool
+
+
+def rests(world: World) -> bool:
+    return bool(world.monitor()["stages"]["render"]["metrics"]["resting"])
+
+
+def idle(world: World) -> bool:
+    return bool(world.ask(cmd="hello")["options"]["idle"])
+
+
+@pytest.mark.live
+@needs_xdotool
+def test_window_rests_while_the_mouse_stands_still(
+    world: World, scene: Path, screen: Screen
+) -> None:
+    world.env["DISPLAY"] = screen.name
+    world.start("up", scene, "--camera", "mouse", "--session", world.name)
+    world.wait_for(lambda: world.left() and idle(world), "an idle session")
+    before = world.monitor()["stages"]["render"]
+    assert rests(world)
+    world.xdotool("mousemove", 40, 40)
+    moved = world.wait_for(
+        lambda: not rests(world) and world.monitor()["stages"]["render"], "a picture"
+    )
+    assert moved["count"] > before["count"] and moved["missed"] == before["missed"]
+    world.wait_for(lambda: not idle(world), "a session at work")
+
+
+@pytest.mark.live
+def test_camera_is_read_less_often_while_nobody_looks(
+    world: World, scene: Path, tmp_path: Path
+) -> None:
+    grey = np.full((480, 640, 3), 128, np.uint8)
+    blank = write_film(tmp_path / "blank.avi", [grey] * 60)
+    world.start(
+        "up", scene, "--camera", f"file:{blank}", "--display", "none", "--session", world.name
+    )
+    world.wait_for(lambda: world.left() and idle(world), "an idle session")
+    before = world.monitor()["stages"]
+    after = world.wait_for(
+        lambda: (
+            (now := world.monitor()["stages"])["track"]["count"] > before["track"]["count"] + 9
+            and now
+        ),
+        "frames",
+    )
+    frames = after["capture"]["count"] - before["capture"]["count"]
+    left_out = after["capture"]["left_out"] - before["capture"]["left_out"]
+    assert left_out > 2 * frames, (frames, left_out)  # 3.75 times at 30 Hz
+    assert after["capture"]["dropped"] == before["capture"]["dropped"]
+
+
+@pytest.mark.live
+def test_recording_stands_still_while_paused(world: World, scene: Path) -> None:
+    world.shows(scene)
+    world.ctl("pause")
+    before = world.lines()[-1]["source_seq"]
+    until_s = world.monitor()["uptime_s"] + 1.5  # 45 frames
+    world.wait_for(lambda: world.monitor()["uptime_s"] > until_s, "the pause")
+    world.ctl("resume")
+    after = next(line for line in world.more_pictures(5) if line["source_seq"] > before)
+    assert after["source_seq"] < before + 15, (before, after["source_seq"])
+    assert world.monitor()["stages"]["capture"]["dropped"] == 0
