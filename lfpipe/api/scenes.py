@@ -37,17 +37,45 @@ def open_scene(
     positions: ArrayLike | None = None,
     invert_depth: bool | None = None,
 ) -> LightField:
-    """The light field at a path, in any layout, or of an array; the demo's if scene is omitted; a
-    light field that is open already opens once more.
-
-    An array has axes (rows, cols, height, width, 1 or 3), red first, or frames before them: uint8,
-    uint16 or float 0 .. 1. Row 0 is the top row of cameras, column 0 the left one. Only with an
-    array: disparity, (rows, cols, height, width), px per view, nearer is larger, used where it
-    matches the views better than flow; positions, (rows, cols, 2), (down, right) of each camera.
-    invert_depth: invert the depth; None: detect it.
+    """Opens a light field.
 
     The first call packs it into the cache, which may take a minute; later calls return at once.
-    settings: as for `--set`, for example {"scene.layout": "hci"}. Raises lfpipe.UserError.
+
+    Parameters
+    ----------
+    scene : path, LightField or array_like, optional
+        A folder or file in any layout that lfpipe reads; an open light field, which is opened once
+        more; or an array (rows, cols, height, width, 1 or 3), red first, perhaps with frames before
+        these axes: uint8, uint16 or float from 0 to 1. Row 0 is the top row of cameras, column 0
+        the left one. By default the demo's scene.
+    settings : mapping, optional
+        As for `--set`, for example {"scene.layout": "hci"}.
+    disparity : array_like, (rows, cols, height, width), optional
+        Only with an array: px per view, larger is nearer. Used where it predicts the views better
+        than optical flow.
+    positions : array_like, (rows, cols, 2), optional
+        Only with an array: (down, right) of each camera, in steps of the grid.
+    invert_depth : bool, optional
+        Whether to invert the depth; by default it is detected.
+
+    Returns
+    -------
+    LightField
+
+    Raises
+    ------
+    UserError
+        If it is no light field, or cannot be read.
+    TypeError
+        For an argument of another type.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> views = np.random.default_rng(0).integers(0, 256, (1, 3, 48, 64, 3), np.uint8)
+    >>> with open_scene(views) as field:
+    ...     render_view(field, 0, 1.5).shape
+    (48, 64, 3)
     """
     config = updated(Config(), settings or {}).scene
     if invert_depth is not None:

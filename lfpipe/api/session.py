@@ -54,8 +54,18 @@ class Frame:
 
 
 class Attachment:
-    """A running session: reads the newest data, where a slow reader skips frames, and sends
-    commands. Raises lfpipe.UserError if no session of that name runs.
+    """A running session: reads its newest data, where a slow reader skips frames, and sends
+    commands.
+
+    Parameters
+    ----------
+    session : str
+        Its name, as `lfpipe up --session`.
+
+    Raises
+    ------
+    UserError
+        If no session of that name runs.
     """
 
     @typed
@@ -87,15 +97,41 @@ class Attachment:
 
     @typed
     def frame(self, timeout_s: float = 2.0) -> Frame:
-        """The next camera frame. Raises lfpipe.UserError if none arrives in time."""
+        """The next camera frame.
+
+        Parameters
+        ----------
+        timeout_s : float
+
+        Returns
+        -------
+        Frame
+
+        Raises
+        ------
+        UserError
+            If none arrives in time.
+        """
         picture: NDArray[np.uint8] = np.empty(self._reader("frames").shape, np.uint8)
         return Frame(picture, self._next("frames", picture, timeout_s))
 
     @typed
     def eyes(self, timeout_s: float = 2.0) -> Eyes | None:
-        """The eyes of the next frame; None if it shows no face.
+        """The eyes of the next frame.
 
-        Raises lfpipe.UserError if no frame arrives in time.
+        Parameters
+        ----------
+        timeout_s : float
+
+        Returns
+        -------
+        Eyes or None
+            None if the frame shows no face.
+
+        Raises
+        ------
+        UserError
+            If no frame arrives in time.
         """
         record = np.zeros((), self._reader("eyes").dtype)
         stamp = self._next("eyes", record, timeout_s)
@@ -140,30 +176,62 @@ class Attachment:
 
     @typed
     def ask(self, message: control.Message, timeout_s: float = 3.0) -> control.Message:
-        """Sends a command (docs/contracts.md) and returns the answer.
+        """Sends a command (docs/contracts.md).
 
-        Raises lfpipe.UserError if it is refused, or if the session has ended.
+        Parameters
+        ----------
+        message : mapping
+            For example {"cmd": "pause"}.
+        timeout_s : float
+
+        Returns
+        -------
+        dict
+            The answer.
+
+        Raises
+        ------
+        UserError
+            If it is refused, or if the session has ended.
         """
         self._require_session()
         return control.request(self._session.run_dir, message, timeout_s)
 
     @typed
     def set(self, settings: Mapping[str, Any]) -> None:
-        """Changes live keys: all of them, or none if one is refused: `set({"render.method":
-        "nearest"})`.
+        """Changes configuration keys: all of them, or none if one is refused.
+
+        Parameters
+        ----------
+        settings : mapping
+            For example {"render.method": "nearest"}.
+
+        Raises
+        ------
+        UserError
+            If one is refused.
         """
         self.ask({"cmd": "set", "set": dict(settings)})
 
     def load(self, scene: ScenePath | LightField | ArrayLike) -> None:
-        """Shows another light field, a path, an open one or an array as for `open_scene`; returns
-        when it is shown.
+        """Shows another light field; returns when it is shown.
+
+        Parameters
+        ----------
+        scene : path, LightField or array_like
+            As for `open_scene`.
+
+        Raises
+        ------
+        UserError
+            If it cannot be shown; the current one then stays.
         """
         path = Path(scene_path(scene, self._config().scene) or "")
         self.ask({"cmd": "load", "scene": str(path.resolve())}, LOAD_S)
 
     @typed
     def wait(self, timeout_s: float | None = None) -> bool:
-        """Waits until the session has ended; False if it still runs after timeout_s."""
+        """Waits until the session has ended; returns False if it still runs after timeout_s."""
         end = None if timeout_s is None else time.monotonic() + timeout_s
         if self._closed:
             self._require_session()
@@ -199,14 +267,33 @@ class Attachment:
 
 
 class Session(Attachment):
-    """A session that this program starts: what `lfpipe up` starts. It ends with `stop`, with the
-    block, or with the program.
+    """A session that this program starts, as `lfpipe up` does. It ends with `stop`, with the block,
+    or with the program. Works in a notebook and in any thread.
 
-    scene: a path, an open light field or an array, as for `open_scene`; None for the demo's.
-    camera, display: as `--camera` and `--display`; without a screen, display is "none". name: for
-    `attach` and `lfpipe monitor --session`. trace: a file of one line per picture. settings: as
-    `--set`, for example {"render.method": "warp2"}. Works in a notebook and in any thread. Raises
-    lfpipe.UserError.
+    Parameters
+    ----------
+    scene : path, LightField or array_like, optional
+        As for `open_scene`; by default the demo's.
+    camera, display : str, optional
+        As `--camera` and `--display`. Without a screen, the display is "none".
+    name : str, optional
+        For `attach` and `lfpipe monitor --session`.
+    trace : path, optional
+        A file of one line per picture.
+    settings : mapping, optional
+        As for `--set`, for example {"render.method": "warp2"}.
+
+    Raises
+    ------
+    UserError
+        If the session does not start.
+    TypeError
+        For an argument of another type.
+
+    Examples
+    --------
+    >>> with Session(display="none") as session:
+    ...     session.set({"render.method": "nearest"})
     """
 
     @typed
@@ -287,9 +374,12 @@ class Session(Attachment):
 
     @typed
     def wait(self, timeout_s: float | None = None) -> bool:
-        """Waits until the session has ended; False if it still runs after timeout_s.
+        """Waits until the session has ended; returns False if it still runs after timeout_s.
 
-        Raises lfpipe.UserError if it failed.
+        Raises
+        ------
+        UserError
+            If it failed.
         """
         code = self._process.wait(timeout_s)
         if code is None:
@@ -343,12 +433,32 @@ def replay(
     out: str | os.PathLike[str] | None = None,
     settings: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Runs `lfpipe replay` on a recorded sequence and returns its report, the contents of
-    report.json (docs/replay.md).
+    """Runs `lfpipe replay` on a recorded sequence, in a process of its own.
 
-    scene: a path, an open light field or an array, as for `open_scene`; None for the demo's. pace:
-    step, max, recorded or a rate in Hz. out: folder for report, trace and pictures. settings: as
-    `--set`; they override the user's file. Raises lfpipe.UserError if the command refuses or fails.
+    Parameters
+    ----------
+    sequence : path
+        A recorded sequence, or a video.
+    scene : path, LightField or array_like, optional
+        As for `open_scene`; by default the demo's.
+    pace : str
+        "step", "max", "recorded" or a rate in Hz.
+    out : path, optional
+        A folder for report, trace and pictures.
+    settings : mapping, optional
+        As for `--set`; they override the user's file.
+
+    Returns
+    -------
+    dict
+        The contents of report.json (docs/replay.md).
+
+    Raises
+    ------
+    UserError
+        If the command refuses or fails.
+    TypeError
+        For an argument of another type.
     """
     path = scene_path(scene, updated(Config(), settings or {}).scene)
     with temporary_folder("replay") as folder:

@@ -20,8 +20,10 @@ from lfpipe.track.head import Head, HeadEstimator
 
 @attrs.frozen(eq=False, kw_only=True)
 class Eyes:
-    """A viewer's eyes in one frame. Positions are [[left x, y], [right x, y]] of the viewer's own
-    eyes, in px of the unmirrored picture.
+    """A viewer's eyes in one frame.
+
+    Positions are [[left x, y], [right x, y]] of the viewer's own eyes, in px of the unmirrored
+    picture.
     """
 
     t_ns: int
@@ -33,6 +35,7 @@ class Eyes:
     velocity_px_s: NDArray[np.float64]
     """(2, 2)."""
     confidence: float
+    """0 to 1."""
     head: Head | None
     """In mm before the screen, see `lfpipe.track.head`; None for an impossible eye distance."""
 
@@ -54,15 +57,40 @@ class Eyes:
         )
 
     def predicted_px(self, t_ns: int) -> NDArray[np.float64]:
-        """The predicted eyes at t_ns, (2, 2) px; at most a quarter of a second ahead."""
+        """The predicted eyes.
+
+        Parameters
+        ----------
+        t_ns : int
+            On the clock of `t_ns`. Times more than a quarter of a second ahead count as that.
+
+        Returns
+        -------
+        ndarray of float, (2, 2)
+            px.
+        """
         return extrapolated(self.filtered_px, self.velocity_px_s, t_ns - self.t_ns)
 
 
 class Tracker:
-    """Follows one face from frame to frame, in this process. settings: of `track` and `camera`, as
-    {"track.refine": True}.
+    """Tracks one face from frame to frame, in this process.
 
-    Raises lfpipe.UserError for wrong settings and for missing libraries of an engine.
+    Parameters
+    ----------
+    settings : mapping, optional
+        Of `track` and `camera`, for example {"track.filter": "oneeuro"}.
+
+    Raises
+    ------
+    UserError
+        For wrong settings, and if the networks of the engine are missing.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> with Tracker() as tracker:
+    ...     print(tracker.update(np.zeros((480, 640, 3), np.uint8)))
+    None
     """
 
     @typed
@@ -74,9 +102,24 @@ class Tracker:
         self._closed = False
 
     def update(self, frame: NDArray[Any], t_ns: int | None = None) -> Eyes | None:
-        """The eyes in the next frame, uint8 (height, width, 3) BGR; None without a face. t_ns: its
-        time on any clock that never goes back; by default the monotonic clock's now. Raises
-        lfpipe.UserError for anything but such a picture.
+        """The eyes in the next frame.
+
+        Parameters
+        ----------
+        frame : ndarray of uint8, (height, width, 3)
+            BGR, not mirrored.
+        t_ns : int, optional
+            Its time on any clock that never goes back; by default the monotonic clock's now.
+
+        Returns
+        -------
+        Eyes or None
+            None without a face.
+
+        Raises
+        ------
+        UserError
+            For anything but such a picture, and after `close`.
         """
         if self._closed:
             raise UserError("this Tracker is closed", "make a new one")

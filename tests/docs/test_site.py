@@ -83,7 +83,7 @@ def test_docs_links_and_files_exist() -> None:
 
 
 WRITTEN_BY_HAND = 16_950  # words: as `wc -w` counts them
-GENERATED = ("commands.md", "configuration.md")
+GENERATED = ("commands.md", "configuration.md", "reference.md")
 
 
 def test_docs_stay_short() -> None:
