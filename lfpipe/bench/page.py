@@ -1,38 +1,34 @@
-"""The report of a run: one HTML page with verdicts first, then charts of error against run time."""
+"""The report of a run: one HTML page that begins with a summary and holds its tables as files."""
 
 import base64
 import html
-import importlib.util
-import io
 import math
 from pathlib import Path
-from typing import Any
 
+from lfpipe._version import __version__
 from lfpipe.bench.benchmarks import BENCHMARKS, TABLE, Benchmark
+from lfpipe.bench.charts import chart, has_charts
 from lfpipe.bench.results import STATES, Column, Results, Row, short
 from lfpipe.bench.style import document, html_table
+from lfpipe.bench.summary import summary
 from lfpipe.files.output import write_output
 from lfpipe.host.machine import install_command
 
 # Errors that differ by less than this share, or by less than a benchmark's `Choice.difference`, are
 # equal for a verdict: noise of short sequences, and invisible differences.
 TIE = 0.05
-MARKERS = "osD^vPX<>h"
-# distinguishable with a colour vision deficiency
-COLOURS = ("#0072b2", "#d55e00", "#008a63", "#b1548f", "#8a6d00", "#4b4fc4", "#7a7f86")
 HOW = (
     "<h2>Method of measurement</h2><p class=soft>Times are CPU times of the thread, which other"
     " programs hardly affect. Each is the median of repetitions, interleaved in random order, with"
     " its 95 % interval, or with the range of fewer than five; of many repetitions, the first"
     " does not count. Errors of sequences have 95 % intervals by resampling; ratios over scripts,"
     " by resampling of the pairs. Metrics of cameras and screens have their range over the phases"
-    " of the camera against the screen. results.json has every repetition. Axes are logarithmic;"
-    " an exact 0 is drawn at the edge. Lower left is better. Square, bold: in use by default. Star,"
-    " red: the paper.</p>"
+    " of the camera against the screen. results.json has every repetition. Lower left is better."
+    "</p>"
 )
 CITE = (
-    "<h2>To cite</h2><p class=soft>Cite lfpipe by CITATION.cff of its repository; state the"
-    " version, the machine and the command above.</p>"
+    "<h2>To cite</h2><p class=soft>The BibTeX above has lfpipe and the paper. State the version,"
+    " the machine and the command.</p>"
 )
 WHAT_FAILED = (
     "<h2>Failures</h2><p class=soft>Failed: an exception, NaN, infinity, or a metric beyond the"
@@ -43,6 +39,19 @@ NO_CHARTS = (
     "<p>Without charts: matplotlib is not installed"
     f" (<code>{html.escape(install_command('matplotlib'))}</code>).</p>"
 )
+BIBTEX = """@software{{lfpipe,
+  title = {{lfpipe: a light field you look into}},
+  author = {{{{The lfpipe developers}}}},
+  version = {{{version}}},
+  year = {{2026}}
+}}
+
+@techreport{{pham_light_field,
+  title = {{Real-time 3D Light-field Viewing with Eye-tracking on Conventional Displays}},
+  author = {{Pham, Trung Hieu and Tran, Chanh Minh and Kamioka, Eiji and Phan, Xuan Tan}},
+  institution = {{Shibaura Institute of Technology}}
+}}
+"""
 Pairs = list[tuple[Benchmark, Results]]
 Verdict = tuple[str, str, str, str]
 
@@ -113,9 +122,12 @@ def write_report(results: dict[str, Results], out: Path) -> Path:
     )
     about = pairs[0][1].about
     wall_s = sum(one.wall_s for one in results.values())
-    facts = f"{about['started']}; {about['machine']}; {wall_s:.0f} s of wall time"
-    body = f"<p class=soft>{html.escape(facts)}.</p>"
-    body += "" if importlib.util.find_spec("matplotlib") else NO_CHARTS
+    facts = f"{about['started']} · {about['machine']} · {wall_s:.0f} s of wall time"
+    body = f"<p class=soft>{html.escape(facts)}</p>"
+    body += "" if has_charts() else NO_CHARTS
+    body += next((text for pair in pairs if (text := summary(*pair))), "")
+    cite = _download("cite.bib", BIBTEX.format(version=__version__), "BibTeX")
+    body += f"<p>Tables below, each as CSV and LaTeX. To cite: {cite}.</p>"
     body += f"{_verdicts(pairs)}<nav>{links}</nav>"
     body += f"{''.join(_section(*pair) for pair in pairs)}{_failures(pairs)}{HOW}{CITE}"
     page = document("Error against run time", body)
@@ -123,10 +135,16 @@ def write_report(results: dict[str, Results], out: Path) -> Path:
     return out / "report.html"
 
 
+def _download(name: str, text: str, label: str) -> str:
+    """A link that saves text, which is in the page, as a file."""
+    data = base64.b64encode(text.encode()).decode()
+    return f'<a download="{name}" href="data:text/plain;base64,{data}">{label}</a>'
+
+
 def _verdicts(pairs: Pairs) -> str:
     rows = [one for pair in pairs if (one := verdict(*pair))]
     head = ("setting", "for this machine and these inputs", "reason", "cost")
-    text = html_table(head, rows) if rows else ""
+    text = html_table(head, rows, of="cards") if rows else ""
     for benchmark, results in pairs:
         judged = [value for *_, value in results.judged()]
         used = [value.state for value in judged if not value.only]
@@ -174,7 +192,10 @@ def _section(benchmark: Benchmark, results: Results) -> str:
     if results.left_out:
         reasons = "".join(f"<li>{html.escape(reason)}</li>" for reason in results.left_out)
         text += f"<p>Left out:</p><ul>{reasons}</ul>"
-    for table in results.tables:
+    for number, table in enumerate(results.tables, 1):
+        name = f"{benchmark.name}-{number}"
+        files = _download(f"{name}.csv", table.csv(), "CSV")
+        files += " · " + _download(f"{name}.tex", table.latex(name), "LaTeX")
         head, body = table.texts()
         classes = []
         for row in table.rows:
@@ -185,76 +206,8 @@ def _section(benchmark: Benchmark, results: Results) -> str:
             classes.append([marks, *(marks + state for state in states)])
         title = html.escape(table.title or f"All metrics of {len(table.rows)} methods")
         note = html.escape(table.note or "■ in use, ★ the paper.")
-        text += f"<details><summary>{title}</summary><p class=soft>{note}</p>"
+        text += f"<details><summary>{title}</summary><p class=soft>{note} {files}</p>"
         text += f"{html_table(head, body, classes)}</details>"
     facts = [(name, value) for name, value in results.about.items() if name != "command"]
     facts.append(("time", f"{results.wall_s:.0f} s"))
     return text + f"<details><summary>Conditions</summary>{html_table((), facts)}</details>"
-
-
-def chart(benchmark: Benchmark, results: Results, x: str, y: str) -> str:
-    """The chart of two columns on logarithmic axes, as an HTML image; "" if it has no points, or
-    without matplotlib.
-    """
-    rows = [row for row in results.rows if row.value(x) >= 0 and row.value(y) >= 0]
-    if not rows or not importlib.util.find_spec("matplotlib"):
-        return ""
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
-
-    title = f"{benchmark.column(y).label} against {benchmark.column(x).label}"
-    style: Any = {
-        "svg.fonttype": "none",
-        "axes.spines.top": False,
-        "axes.spines.right": False,
-        "axes.formatter.min_exponent": 3,
-    }
-    with mpl.rc_context(style):
-        figure = Figure(figsize=(9.0, 4.8), layout="constrained")
-        axes = figure.add_subplot(
-            xlabel=benchmark.column(x).axis,
-            ylabel=benchmark.column(y).axis,
-            title=title,
-        )
-        for k, curve in enumerate(dict.fromkeys(row.curve for row in rows)):
-            points = [row for row in rows if row.curve == curve]
-            axes.errorbar(
-                [row.value(x) for row in points],
-                [row.value(y) for row in points],
-                xerr=_bars(points, x),
-                yerr=_bars(points, y),
-                marker=MARKERS[k % len(MARKERS)],
-                color=COLOURS[k % len(COLOURS)],
-                label=curve,
-                capsize=2,
-                linewidth=1,
-            )
-        for label, marker, face, marked in (
-            ("in use", "s", "none", [row for row in rows if row.used]),
-            ("the paper", "*", "#e5484d", [row for row in rows if row.paper]),
-        ):
-            axes.scatter(
-                [row.value(x) for row in marked],
-                [row.value(y) for row in marked],
-                s=190,
-                marker=marker,
-                facecolors=face,
-                edgecolors="#1b1f24",
-                zorder=4,
-                label=label,
-            )
-        for set_scale, key in ((axes.set_xscale, x), (axes.set_yscale, y)):
-            above = [row.value(key) for row in rows if row.value(key) > 0]
-            set_scale("symlog", linthresh=min(above, default=1.0), linscale=0.4)
-        axes.grid(True, color="#e4e7eb")
-        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-        out = io.StringIO()
-        figure.savefig(out, format="svg", metadata={"Date": None})
-    data = base64.b64encode(out.getvalue().encode()).decode()
-    return f'<img alt="{html.escape(title)}" src="data:image/svg+xml;base64,{data}">'
-
-
-def _bars(rows: list[Row], key: str) -> tuple[list[float], list[float]]:
-    """The lengths of error bars, down and up."""
-    values = [row.values[key] for row in rows]
-    return [one.value - one.low for one in values], [one.high - one.value for one in values]

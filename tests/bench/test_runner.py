@@ -1,6 +1,8 @@
 """The runner interleaves repetitions and keeps failures; the report begins with verdicts."""
 
 import base64
+import csv
+import io
 import itertools
 import math
 import re
@@ -11,7 +13,8 @@ import pytest
 
 from lfpipe.bench import runner
 from lfpipe.bench.benchmarks import BENCHMARKS, Benchmark, Choice
-from lfpipe.bench.page import chart, verdict, write_report
+from lfpipe.bench.charts import chart
+from lfpipe.bench.page import verdict, write_report
 from lfpipe.bench.results import (
     Column,
     Results,
@@ -186,7 +189,7 @@ def test_verdict_keeps_what_ties_and_names_the_cost(kind: str) -> None:
     assert all(word in found[2] for word in words) and found[3].endswith(") ms: time")
 
 
-def test_report_stands_alone_and_begins_with_verdicts(
+def test_report_stands_alone_and_begins_with_a_summary(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     results, _ = measured()
@@ -224,7 +227,16 @@ def test_report_stands_alone_and_begins_with_verdicts(
     )
     assert "ArithmeticError: no root" in last and "the scene is grey" in rest
     assert "lfpipe bench fake --quick" in rest and "two ■" in rest and "one ★" in rest
-    assert text.count('src="data:image/svg+xml') == 1
+    assert first.index("by default, ") < first.index("Verdicts")
+    assert "Better in both:" in first or "Nothing in this chart" in first
+    assert text.count('src="data:image/svg+xml') == 2, "the first chart once more, with names"
+    saved = dict(re.findall(r'download="([^"]+)" href="data:text/plain;base64,([^"]*)"', text))
+    files = {name: base64.b64decode(data).decode() for name, data in saved.items()}
+    lines = list(csv.DictReader(io.StringIO(files["fake-1.csv"])))
+    assert [line["default"] for line in lines].count("1") == 1
+    assert float(lines[0]["time, ms"]) == results.rows[0].value("time_ms")
+    assert files["fake-1.tex"].count(r" \\") == len(lines) + 1
+    assert "@software{lfpipe" in files["cite.bib"]
     assert not re.search("https?://|<script|<link", re.sub(r'"data:[^"]*"', "", text))
 
 

@@ -1,0 +1,147 @@
+"""Charts of error against run time, as HTML images."""
+
+import base64
+import html
+import importlib.util
+import io
+import math
+from typing import TYPE_CHECKING, Any
+
+from lfpipe.bench.benchmarks import Benchmark
+from lfpipe.bench.results import Results, Row, short
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+MARKERS = "osD^vPX<>h"
+# distinguishable with a colour vision deficiency
+COLOURS = ("#0072b2", "#d55e00", "#008a63", "#b1548f", "#8a6d00", "#4b4fc4", "#7a7f86")
+DEFAULT, PAPER, OTHER, INK = "#0a62d0", "#c8202f", "#7a828c", "#1b1f24"
+ROOM = 1.25  # of an axis beyond the largest value
+LOGARITHMIC = 10.0  # the largest over the least value of an axis that is not linear
+TICKS = (1.0, 2.0, 5.0)  # of a decade
+
+
+def has_charts() -> bool:
+    """Whether matplotlib is installed."""
+    return importlib.util.find_spec("matplotlib") is not None
+
+
+def chart(benchmark: Benchmark, results: Results, x: str, y: str) -> str:
+    """Two columns, a curve for each method; "" if there are no points, or without matplotlib."""
+    rows = [row for row in results.rows if row.value(x) >= 0 and row.value(y) >= 0]
+    if not rows or not has_charts():
+        return ""
+
+    def draw(axes: "Axes") -> None:
+        for k, curve in enumerate(dict.fromkeys(row.curve for row in rows)):
+            points = [row for row in rows if row.curve == curve]
+            _points(axes, points, x, y, COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)], curve)
+        for label, marker, face, marked in (
+            ("the default", "s", "none", [row for row in rows if row.used]),
+            ("the paper", "*", PAPER, [row for row in rows if row.paper]),
+        ):
+            if marked:
+                axes.scatter(
+                    [row.value(x) for row in marked],
+                    [row.value(y) for row in marked],
+                    s=190,
+                    marker=marker,
+                    facecolors=face,
+                    edgecolors=INK,
+                    zorder=4,
+                    label=label,
+                )
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+
+    return _image(benchmark, rows, x, y, draw)
+
+
+def first_chart(benchmark: Benchmark, rows: list[Row]) -> str:
+    """The first chart of a benchmark with the name of each method beside its point: the default,
+    the paper and the alternatives.
+    """
+    if not has_charts():
+        return ""
+    x, y = benchmark.charts[0]
+
+    def draw(axes: "Axes") -> None:
+        for row in rows:
+            steps = [other.value(y) - row.value(y) for other in rows if other is not row]
+            is_above = min(steps, key=abs, default=0.0) <= 0  # away from its neighbour
+            colour = DEFAULT if row.used else PAPER if row.paper else OTHER
+            _points(axes, [row], x, y, colour, "o", "")
+            axes.annotate(
+                "default: " * row.used + "paper: " * row.paper + row.name,
+                (row.value(x), row.value(y)),
+                (8, 5 if is_above else -11),
+                textcoords="offset points",
+                color=colour,
+                fontsize=9,
+                fontweight="bold" if row.used or row.paper else "normal",
+            )
+
+    return _image(benchmark, rows, x, y, draw)
+
+
+def _points(
+    axes: "Axes", rows: list[Row], x: str, y: str, colour: str, marker: str, label: str
+) -> None:
+    axes.errorbar(
+        [row.value(x) for row in rows],
+        [row.value(y) for row in rows],
+        xerr=_bars(rows, x),
+        yerr=_bars(rows, y),
+        marker=marker,
+        color=colour,
+        label=label or None,
+        capsize=2,
+        linewidth=1,
+    )
+
+
+def _bars(rows: list[Row], key: str) -> tuple[list[float], list[float]]:
+    """The lengths of error bars, down and up."""
+    values = [row.values[key] for row in rows]
+    return [one.value - one.low for one in values], [one.high - one.value for one in values]
+
+
+def _image(benchmark: Benchmark, rows: list[Row], x: str, y: str, draw: Any) -> str:
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    title = f"{benchmark.column(y).label} against {benchmark.column(x).label}"
+    style: Any = {"svg.fonttype": "none", "axes.spines.top": False, "axes.spines.right": False}
+    with mpl.rc_context(style):
+        figure = Figure(figsize=(9.0, 4.8), layout="constrained")
+        axes = figure.add_subplot(
+            xlabel=benchmark.column(x).axis, ylabel=benchmark.column(y).axis, title=title
+        )
+        draw(axes)
+        for axis, key in (("x", x), ("y", y)):
+            bounds = [(row.values[key].low, row.values[key].high) for row in rows]
+            _scale(axes, axis, [end for bound in bounds for end in bound])
+        axes.grid(True, color="#e4e7eb")
+        out = io.StringIO()
+        figure.savefig(out, format="svg", metadata={"Date": None})
+    data = base64.b64encode(out.getvalue().encode()).decode()
+    image = f'<img alt="{html.escape(title)}" src="data:image/svg+xml;base64,{data}">'
+    return f"<div class=wide>{image}</div>"
+
+
+def _scale(axes: "Axes", axis: str, values: list[float]) -> None:
+    """A linear axis from 0 with room for names, or a logarithmic one with plain numbers; an exact 0
+    is drawn at its edge.
+    """
+    above = [value for value in values if value > 0]
+    low, high = min(above, default=1.0), max(above, default=1.0)
+    if high < LOGARITHMIC * low:
+        getattr(axes, f"set_{axis}lim")(0.0, high * ROOM)
+        return
+    getattr(axes, f"set_{axis}scale")("symlog", linthresh=low, linscale=0.4)
+    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    ticks = [step * 10.0**decade for decade in decades for step in TICKS]
+    ticks = [tick for tick in ticks if low / 1.5 <= tick <= high * 1.5]
+    ticks = [0.0, *ticks] if min(values) <= 0 else ticks
+    getattr(axes, f"set_{axis}ticks")(ticks, [short(tick) for tick in ticks], minor=False)
+    getattr(axes, f"set_{axis}ticks")([], minor=True)
