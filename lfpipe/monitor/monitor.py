@@ -32,6 +32,7 @@ WARNING = "bold yellow"
 KEYS_LINE = "q quit  p pause  r reset  t trace  w warp  m mode  c recentre"
 QUANTILES = ("p50_ms", "p95_ms", "p99_ms")
 PERIOD_S = 0.25  # four times a second: people cannot read faster
+BAR_TEXT = 18  # cells before a bar
 NOTE_S = 5.0  # display time of the answer to a key
 
 
@@ -79,9 +80,9 @@ def state_text(metrics: SessionMetrics, paused: bool = False) -> Text:
         ("PAUSED  " if paused else "", WARNING),
         (f"{metrics.camera_light}  " if metrics.camera_light else "", WARNING),
         (f"viewer {metrics.viewer}\n", "green" if has_face else WARNING),
-        (f"{'ms':>22}   wait                busy\n", "bold"),
+        (f"{'':<22} wait, ms     busy, ms\n", "bold"),
         (f"{'stage':<8}{'state':<9}{'Hz':>5}   p50   p95   p50   p95   p99   max drops", "bold"),
-        (f" rst{' cpu%  MB' * loads}\n", "bold"),
+        (f" rst{'   %  MB' * loads}\n", "bold"),
         *(_stage_line(name, stage, loads) for name, stage in stages.items()),
         (f"quality {level}\n", WARNING if metrics.level else "dim"),
         *((plain(f"now: {notice}\n"), WARNING) for notice in metrics.notices),
@@ -99,6 +100,44 @@ def state_text(metrics: SessionMetrics, paused: bool = False) -> Text:
     if words := photon_words(metrics.motion_to_photon):
         parts.append(f"motion to photon: {words}\n")
     return Text.assemble(*parts, no_wrap=True, overflow="crop")
+
+
+def bars(metrics: SessionMetrics, width: int) -> list[Text]:
+    """How long each stage lets a frame wait and works on it, p95: the longest bar is where time
+    goes.
+    """
+    stages = metrics.used_stages
+    times = {
+        name: (stage.wait["p95_ms"], stage.busy["p95_ms"])
+        for name, stage in stages.items()
+        if stage.busy["n"]
+    }
+    longest = max((sum(pair) for pair in times.values()), default=0.0)
+    if not longest:
+        return []
+    cells = (width - BAR_TEXT) / longest
+    return [
+        Text(f"{'p95 of':<8}waiting ░ and work █", "bold"),
+        *(
+            Text.assemble(
+                f"{name:<8}{ms(wait + busy)} ms ",
+                ("░" * round(wait * cells), "dim"),
+                ("█" * max(1, round(busy * cells)), "cyan"),
+            )
+            for name, (wait, busy) in times.items()
+        ),
+    ]
+
+
+def filled(text: Text, metrics: SessionMetrics, width: int, height: int) -> Text:
+    """text with as many of the bars and of the stages' own metrics below as a terminal of that size
+    has room for.
+    """
+    lines = list(text.split("\n"))
+    for more in (bars(metrics, width), [Text(plain(line)) for line in metric_lines(metrics)]):
+        if more and len(lines) + 1 + len(more) <= height:
+            lines += [Text(""), *more]
+    return Text("\n", no_wrap=True, overflow="crop").join(lines)
 
 
 def metric_lines(metrics: SessionMetrics) -> list[str]:
@@ -231,8 +270,12 @@ def screen(name: str) -> None:
     ):
         while True:
             now = time.monotonic()
-            text = screen_text(name, follower.read(), note if now < note_end else "")
-            live.update(fitted(text, *live.console.size), refresh=True)
+            sample = follower.read()
+            text = screen_text(name, sample, note if now < note_end else "")
+            size = live.console.size
+            if sample is not None:
+                text = filled(text, sample.metrics, *size)
+            live.update(fitted(text, *size), refresh=True)
             while left_s := max(0.0, now + PERIOD_S - time.monotonic()):
                 try:
                     key = keyboard.key(left_s)

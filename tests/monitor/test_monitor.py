@@ -19,7 +19,7 @@ import pytest
 from rich.text import Text
 
 from lfpipe.config import converter
-from lfpipe.monitor.monitor import fitted, print_state, state_text
+from lfpipe.monitor.monitor import bars, filled, fitted, print_state, state_text
 from lfpipe.monitor.session_reader import Watch
 from lfpipe.supervisor.metrics import SessionMetrics, session_metrics
 from lfpipe.supervisor.process_table import CORE, METRICS, SOURCE
@@ -103,6 +103,24 @@ def test_monitor_lists_the_metrics_that_stages_declare(capsys: pytest.CaptureFix
     assert "track   face yes" in printed
     assert "juddered 3, onset_ms 61.2, steady_ms -" in " ".join(printed.split())
     assert max(map(len, printed.splitlines())) <= 80
+
+
+def test_longest_bar_is_where_time_goes_and_bars_use_the_room_there_is() -> None:
+    rows = {stage: np.zeros((), ROW) for stage in CORE}
+    for stage, busy_ms in zip(CORE, (1, 8, 3), strict=True):
+        row = Row(rows[stage], METRICS[stage])
+        row["state"] = State.RUNNING
+        for _ in range(5):
+            row.record_latency(1_000_000, busy_ms * 1_000_000, 0)
+    metrics = session_metrics("mine", rows, METRICS, np.zeros((), SESSION), 0)
+    heading, *lines = (line.plain for line in bars(metrics, 80))
+    assert "p95" in heading and max(map(len, lines)) <= 80
+    longest = max(lines, key=lambda line: line.count("█") + line.count("░"))
+    assert longest.startswith("track") and len(lines) == len(CORE)
+    text = state_text(metrics)
+    for height, has_bars in ((len(text.split("\n")) + 1, False), (40, True)):
+        shown = filled(text, metrics, 80, height).plain
+        assert ("█" in shown) is has_bars and len(shown.splitlines()) <= height
 
 
 def test_fitted_names_omitted_lines() -> None:
