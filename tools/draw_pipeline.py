@@ -235,6 +235,7 @@ def _live(by_name: dict[str, Box]) -> list[str]:
         *_row(row),
         line(way, width=2.5),
         text((last.right + 12, last.y - 8), "views, disparity", anchor="start"),
+        text((row[0].x, row[0].bottom + 16), "record reads views, too"),
         text((row[2].x, row[2].bottom + 16), "reads the viewpoints that render writes"),
     ]
 
@@ -243,7 +244,10 @@ def _optional(by_name: dict[str, Box], supervisor: Box) -> list[str]:
     """The optional stages, below the rings that they read, with their inputs and control."""
     optional = [stage for stage in stages() if stage.optional and stage.name not in LIVE_STAGES]
     reads = {
-        stage.name: [*stage.reads, *(["packets"] if "frames" in stage.reads else [])]
+        stage.name: [
+            *(ring for ring in stage.reads if ring in by_name),
+            *(["packets"] if "frames" in stage.reads else []),
+        ]
         for stage in optional
     }
     readers = {

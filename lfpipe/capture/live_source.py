@@ -73,6 +73,15 @@ def check_live(text: str, config: Config) -> LiveSource:
     return live
 
 
+def check_devices(text: str, live: LiveSource, viewer: str) -> None:
+    """Raises UserError if the camera of the light field is the source of the viewer."""
+    if same_device(live.source, viewer):
+        raise UserError(
+            f"{text}: this camera already tracks your eyes",
+            "name another camera for them with --camera, or use --camera mouse",
+        )
+
+
 def same_device(a: str, b: str) -> bool:
     """Whether two sources are one camera."""
     if not a or not b or not (parse_source(a).live and parse_source(b).live):

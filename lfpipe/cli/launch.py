@@ -15,7 +15,7 @@ import attrs
 from lfpipe import config as configuration
 from lfpipe import log
 from lfpipe.capture.camera_list import NoCamera
-from lfpipe.capture.live_source import check_live, is_live, same_device
+from lfpipe.capture.live_source import check_devices, check_live, is_live
 from lfpipe.capture.open_source import camera_name, camera_settings, check_source, clock_of
 from lfpipe.capture.spec import parse_source, playing_once, source_file
 from lfpipe.cli.sessions import load_scene
@@ -341,11 +341,7 @@ def _open_live(arguments: UpArguments, request: Request) -> SessionPlan:
         raise UserError(f"{text} with other scenes", f"show it alone: `lfpipe up {text}`")
     live = check_live(text, request.config)
     viewer = _viewer(arguments, request)
-    if same_device(live.source, viewer.source):
-        raise UserError(
-            f"{text}: this camera already tracks your eyes",
-            "name another camera for them with --camera, or use --camera mouse",
-        )
+    check_devices(text, live, viewer.source)
     config = request.config
     if viewer.source and isinstance(viewer, CameraViewer | RecordedEyes):
         config = with_measured_focal(config, camera_name(viewer.source))

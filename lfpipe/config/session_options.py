@@ -86,6 +86,8 @@ class LiveSource:
     tiles_across: int
     # (width, height)
     frame_px: tuple[int, int]
+    # whether source is the folder of a recording, played with that of the viewer
+    recorded: bool = False
 
     @property
     def width_px(self) -> int:

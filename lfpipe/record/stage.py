@@ -1,8 +1,10 @@
 """Stage record: writes every frame to a folder on disk, or the eyes that the mouse makes.
 
 Reads: ring "frames", every slot in order; the ring of option "packets", the source's JPEGs if it
-delivers them; of a session of the mouse, ring "eyes" in place of frames.
-Writes: the sequence in the folder of option "record"; it ends when the option changes.
+delivers them; of a session of the mouse, ring "eyes" in place of frames; of a live scene, ring
+"views".
+Writes: the sequence in the folder of option "record", and the one of a live scene in a folder of
+it; they end when the option changes.
 Commands: stop. Asks: record (to end the recording, if writing fails).
 Emits: notice (end of a recording, lost frames).
 """
@@ -14,20 +16,24 @@ from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
+from typing import Any, Protocol
 
 import attrs
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.config import LiveSource
 from lfpipe.config.modes import MouseViewer, RecordedEyes
 from lfpipe.errors import UserError, redacted
 from lfpipe.eyes import EYES
 from lfpipe.host.files import exists
 from lfpipe.host.machine import versions
 from lfpipe.host.processes import yield_to_others
+from lfpipe.live.shared_scene import RING
 from lfpipe.sequence.eyes import eyes_line
-from lfpipe.sequence.folder import MANIFEST, SequenceWriter, make_out, remove_empty
+from lfpipe.sequence.folder import MANIFEST, VIEWS, SequenceWriter, make_out, remove_empty
 from lfpipe.sequence.packets import encoded
+from lfpipe.sequence.views import about_grid
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.packet_ring import PacketInput
@@ -41,6 +47,21 @@ SLOW_NS = SECOND_NS // 2  # a longer time per frame is reported
 
 # a packet with its codec or, with codec "", a picture
 Frame = tuple[Stamp, str, NDArray[np.uint8] | bytes]
+
+
+class FramesInOrder(Protocol):
+    """Reads one stream of the session. size_px: of its frames."""
+
+    size_px: tuple[int, int]
+
+    def skip(self) -> None:
+        """Skips what was published until now without counting it as lost."""
+
+    def take(self) -> Frame | None:
+        """The next frame; None if there is none."""
+
+    def close(self) -> None:
+        """Ends reading."""
 
 
 class FrameReader:
@@ -105,6 +126,30 @@ class FrameReader:
         """Unmaps the packets."""
         if self._packets is not None:
             self._packets.close()
+
+
+class ViewsReader:
+    """Reads the frames of a live light field in order. size_px: of a frame with all views."""
+
+    def __init__(self, context: Context, live: LiveSource) -> None:
+        self._views = context.input("views")
+        self.size_px = live.frame_px
+
+    def skip(self) -> None:
+        """Skips frames published until now without counting them as lost."""
+        self._views.skip()
+
+    def take(self) -> Frame | None:
+        """The next frame as a picture; None if there is none."""
+        while (peeked := self._views.peek(in_order=True)) is not None:
+            stamp, slot = peeked
+            picture = slot.copy()
+            if self._views.still_valid(stamp):
+                return stamp, "", picture
+        return None
+
+    def close(self) -> None:
+        """Nothing to do."""
 
 
 class Store:
@@ -176,6 +221,48 @@ class Store:
         self._thread.shutdown()
 
 
+class Stream:
+    """One stream of the session on its way to a folder."""
+
+    def __init__(
+        self,
+        context: Context,
+        folder: Path,
+        reader: FramesInOrder,
+        source: str,
+        rate_hz: float,
+        **more: Any,
+    ) -> None:
+        """more: of the manifest. Raises OSError, UserError if nothing can be written."""
+        self.folder = folder
+        self.anew = not exists(folder / MANIFEST)
+        if self.anew and not (exists(folder) and not any(folder.iterdir())):
+            make_out(folder)  # unless a killed one made it
+        self.reader = reader
+        self._row = context.row
+        self._last_ns = 0
+        size_px = reader.size_px
+        self.writer = SequenceWriter(
+            folder,
+            redacted(source),
+            size_px,
+            rate_hz or context.config.render.nominal_hz,
+            versions=versions(),
+            **more,
+        )
+        self.store = Store(self.writer, 3 * math.prod(size_px))
+
+    def take(self) -> None:
+        """Passes new frames to the store while it has space."""
+        while not self.store.full and (frame := self.reader.take()) is not None:
+            t_sensor_ns = frame[0].t_sensor_ns
+            if t_sensor_ns > self._last_ns:
+                self._last_ns = t_sensor_ns
+                self.store.put(frame)
+            else:  # a repeated stamp means a repeated frame, which could not be replayed
+                self._row["drops"] += 1
+
+
 class Recorder:
     """The main thread's part: reads frames or eyes, updates the status row, reports errors."""
 
@@ -183,44 +270,39 @@ class Recorder:
         """Raises OSError, UserError if nothing can be written."""
         self._context = context
         self._folder = folder
-        anew = not exists(folder / MANIFEST)
-        if anew and not (exists(folder) and not any(folder.iterdir())):  # not made by a killed one
-            make_out(folder)
-        self._lost_before = int(context.row["drops"]) if anew else 0
-        self._frames = FrameReader(context)
         self._reported = self._slow = False
-        self._last_ns = 0
-        viewer = context.options.viewer
+        options = context.options
+        viewer = options.viewer
         camera = context.config.camera
         camera = attrs.evolve(camera, source=redacted(camera.source))
-        self._writer = SequenceWriter(
-            folder,
-            redacted(viewer.source),
-            self._frames.size_px,
-            viewer.rate_hz or context.config.render.nominal_hz,
-            versions=versions(),
-            config=attrs.asdict(attrs.evolve(context.config, camera=camera)),
-        )
-        self._store = Store(self._writer, 3 * math.prod(context.config.camera.frame_px))
-        if anew:
-            self._frames.skip()
+        config = attrs.asdict(attrs.evolve(context.config, camera=camera))
+        frames = FrameReader(context)
+        self._viewer = Stream(context, folder, frames, viewer.source, viewer.rate_hz, config=config)
+        self._streams = [self._viewer]
+        live = options.live
+        if live is not None and live.source.startswith(RING):
+            context.notify(f"{live.source}: its program draws the views again: not recorded")
+        elif live is not None:
+            views, grid = ViewsReader(context, live), about_grid(live)
+            self._streams.append(
+                Stream(context, folder / VIEWS, views, live.source, camera.nominal_hz, **grid)
+            )
+        self._lost_before = int(context.row["drops"]) if self._viewer.anew else 0
+        for stream in self._streams:
+            if stream.anew:
+                stream.reader.skip()
 
     def wait(self) -> bool:
         """Waits for frames, or for space to store them. False when the recording must end."""
         context = self._context
-        full = self._store.full
+        full = any(stream.store.full for stream in self._streams)
         context.wait(now_ns() + FULL_NS if full else None, inputs=not full)
         return not context.stopping and context.options.record == str(self._folder)
 
     def take(self) -> None:
-        """Passes new frames to the store while it has space."""
-        while not self._store.full and (frame := self._frames.take()) is not None:
-            t_sensor_ns = frame[0].t_sensor_ns
-            if t_sensor_ns > self._last_ns:
-                self._last_ns = t_sensor_ns
-                self._store.put(frame)
-            else:  # a repeated stamp means a repeated frame, which could not be replayed
-                self._context.row["drops"] += 1
+        """Passes new frames to the stores while they have space."""
+        for stream in self._streams:
+            stream.take()
 
     def report(self) -> None:
         """Updates the status row.
@@ -228,42 +310,47 @@ class Recorder:
         After an error, reports it once and requests the end of the recording.
         """
         context = self._context
-        store = self._store
-        for stamp, t_taken_ns, t_stored_ns in store.results():
-            context.row.count_output(stamp.source_seq)
-            context.row.record_latency(
-                t_taken_ns - stamp.t_publish_ns,
-                t_stored_ns - t_taken_ns,
-                t_stored_ns - stamp.t_sensor_ns,
-            )
+        for stream in self._streams:
+            for stamp, t_taken_ns, t_stored_ns in stream.store.results():
+                context.row.count_output(stamp.source_seq)
+                context.row.record_latency(
+                    t_taken_ns - stamp.t_publish_ns,
+                    t_stored_ns - t_taken_ns,
+                    t_stored_ns - stamp.t_sensor_ns,
+                )
         context.row["cpu_ns"] = time.process_time_ns()
-        if store.slow != self._slow:
+        if any(stream.store.slow for stream in self._streams) != self._slow:
             self._slow = not self._slow
             context.row.set_busy("waiting for the disk" if self._slow else "")
-        if store.failure and not self._reported:
+        failed = next((stream for stream in self._streams if stream.store.failure), None)
+        if failed is not None and not self._reported:
             self._reported = True
-            _give_up(
-                context,
-                f"recording {self._folder}: {store.failure}; frames stored: {self._writer.count}",
-            )
+            stored = f"frames stored: {failed.writer.count}"
+            _give_up(context, f"recording {failed.folder}: {failed.store.failure}; {stored}")
 
     def end(self) -> None:
-        """Stores the rest from rings and memory, and completes the sequence."""
+        """Stores the rest from rings and memory, and completes the sequences."""
         context = self._context
         with context.saving("writing the recording"):
             self.take()
-            self._store.close()
+            for stream in self._streams:
+                stream.store.close()
             self.report()
-            self._frames.close()
             missed = int(context.row["drops"]) - self._lost_before
-            text = f"recorded {self._writer.count} frames to {self._folder}" + (
+            counts = f"{self._viewer.writer.count} frames" + "".join(
+                f" and {views.writer.count} of the scene" for views in self._streams[1:]
+            )
+            text = f"recorded {counts} to {self._folder}" + (
                 f"; {missed} more were not stored" if missed else ""
             )
-            try:
-                self._writer.complete()
-            except OSError as error:
-                context.report_lost(f"recording {self._folder}: not completed: {error.strerror}")
-            if not self._writer.count:
+            for stream in self._streams:
+                stream.reader.close()
+                try:
+                    stream.writer.complete()
+                except OSError as error:
+                    why = f"recording {stream.folder}: not completed: {error.strerror}"
+                    context.report_lost(why)
+            if not any(stream.writer.count for stream in self._streams):
                 remove_empty(self._folder)
             context.notify(text)
 

@@ -4,6 +4,7 @@ A frame is shown when its disparity is there; if that takes longer than LATE_FRA
 with the disparity of the frame before, cross-faded where the picture has changed.
 """
 
+import zlib
 from collections.abc import Iterable
 from typing import NamedTuple
 
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import LiveSource
+from lfpipe.config.modes import Lossless
 from lfpipe.live.field import LiveViews
 from lfpipe.live.records import View, disparity_dtype, pairs_in_need, views_of
 from lfpipe.render.synthesis.viewpoint import Position
@@ -38,6 +40,7 @@ class LiveInput:
 
     def __init__(self, context: Context, live: LiveSource, name: str) -> None:
         self._live = live
+        self._lossless = isinstance(context.options.clock, Lossless)
         self._views = context.input("views")
         self._disparity = context.input("disparity")
         self._store = LiveViews(live, name)
@@ -57,14 +60,18 @@ class LiveInput:
         """Reads both rings; returns the light field if a newer one is to be shown. positions: the
         viewpoints (row, col) that are likely next.
         """
-        self._take_views()
         stamp = self._disparity.take(self._record)
+        self._take_views()  # second: the frame that the disparity was measured in is there
         frame = self._frame_of(stamp) if stamp is not None else None
         if frame is not None:
             if self.stamp is None or frame.stamp.seq >= self.stamp.seq:
-                self._store.show(frame.picture, self._in_need(positions), self._record, t_ns)
+                in_need = self._in_need(positions)
+                self._store.show(frame.picture, in_need, self._record, frame.stamp.t_sensor_ns)
                 return self._showing(frame, own_disparity=True)
-            self._store.measure(frame.picture, self._record, t_ns)  # for frames after it
+            # for frames after it
+            self._store.measure(frame.picture, self._record, frame.stamp.t_sensor_ns)
+        if self._lossless:  # every frame waits for its disparity
+            return None
         waiting = [
             frame
             for frame in self._frames
@@ -77,6 +84,15 @@ class LiveInput:
             self._store.show_with_last(waiting[-1].picture, self._in_need(positions))
             return self._showing(waiting[-1], own_disparity=False)
         return None
+
+    def digest(self) -> str:
+        """Of the last disparity, with all that a picture depends on."""
+        record = self._record
+        count = int(record["count"])
+        names = ("scale_px", "low_px", "high_px", "align", "swapped")
+        parts = [record[name] for name in names]
+        parts += [record[name][:count] for name in ("views", "maps")]
+        return f"{zlib.crc32(b''.join(np.asarray(part).tobytes() for part in parts)):08x}"
 
     def _frame_of(self, stamp: Stamp) -> _Frame | None:
         """The frame that disparity was measured in, if it is kept."""

@@ -66,6 +66,9 @@ CAUSES = {  # in the order of the pipeline: an earlier difference causes the lat
         "filtered eyes are equal: prediction or easing changed (replay.latency_ms, lfpipe/eyes.py,"
         " lfpipe/render)"
     ),
+    "disparity": (
+        "eyes are equal: disparity is measured otherwise (lfpipe/live/estimator.py, alignment)"
+    ),
     "view": (
         "eyes are equal: the map to views changed (alpha, centre,"
         " render/synthesis/viewpoint.py, render/viewer/geometry.py)"
@@ -80,9 +83,7 @@ CAUSES = {  # in the order of the pipeline: an earlier difference causes the lat
 
 @attrs.frozen
 class Difference:
-    """part: config, plan, counts, scene, eyes, views or pictures. frame: source_seq of the first
-    one, None for the whole run.
-    """
+    """part: one of PARTS. frame: source_seq of the first one, None for the whole run."""
 
     part: str
     what: str
@@ -116,8 +117,13 @@ class Comparison:
     notes: list[str]
 
 
-PARTS = ("config", "plan", "scene", "counts", "eyes", "views", "pictures")
-_PART_OF = {**dict.fromkeys(("face", *TOLERANCES), "eyes"), "view": "views", "method": "views"}
+PARTS = ("config", "plan", "scene", "counts", "eyes", "disparity", "views", "pictures")
+_PART_OF = {
+    **dict.fromkeys(("face", *TOLERANCES), "eyes"),
+    "disparity": "disparity",
+    "view": "views",
+    "method": "views",
+}
 
 
 def cases_of(differences: list[Difference]) -> list[tuple[str, list[str]]]:
@@ -225,7 +231,9 @@ def _first_difference(was: Line, now: Line, tolerance_px: float) -> str:
     """
     whole = now["method"] == "nearest"
     for name in CAUSES:
-        if was[name] == now[name]:
+        if was.get(name) == now.get(name):
+            continue
+        if name == "disparity" and tolerance_px:  # a digest: rounding changes it, too
             continue
         if name not in TOLERANCES or not tolerance_px:
             return name
@@ -262,12 +270,13 @@ def _compare_frames(
         frames = [attrs.evolve(frame, cause=frame.cause.replace(FLIP, "view")) for frame in frames]
         notes = []
     differences = list[Difference]()
-    for part in ("eyes", "views"):
+    for part in ("eyes", "disparity", "views"):
         if changed := [frame for frame in frames if _PART_OF.get(frame.cause) == part]:
             first = changed[0]
             name = first.cause
             what = (
-                f"{name} {_sides(first.was[name])} in the reference, {_sides(first.now[name])} now;"
+                f"{name} {_sides(first.was.get(name))} in the reference,"
+                f" {_sides(first.now.get(name))} now;"
                 f" {CAUSES[name]}; {len(changed)} of {len(frames)} frames"
             )
             differences.append(Difference(part, what, first.now["source_seq"]))

@@ -7,6 +7,7 @@ about them.
     frames.jsonl    their index
     truth.csv       true eyes of a generated sequence:
                     source_seq,t_ns,left_x_px,left_y_px,right_x_px,right_y_px,...
+    views/          the sequence of a live scene (`lfpipe.sequence.views`)
 """
 
 import contextlib
@@ -35,7 +36,7 @@ from lfpipe.files.safe_files import (
     replaced,
 )
 from lfpipe.files.untrusted import Fields, json_fields
-from lfpipe.host.files import exists
+from lfpipe.host.files import exists, is_dir
 from lfpipe.sequence.eyes import TRUTH, eyes_of
 from lfpipe.sequence.packets import (
     COPY,
@@ -56,6 +57,7 @@ FORMAT = "lfpipe-sequence"
 VERSION = 1
 MANIFEST = "manifest.json"
 FILES = (PACKETS, INDEX, TRUTH)
+VIEWS = "views"  # folder
 # files whose sums the manifest holds; every packet has its own in the index
 SUMMED = (INDEX, TRUTH)
 SUMMED_BYTES = MAX_PACKETS * LINE_BYTES  # of the longest index
@@ -97,6 +99,8 @@ def check_out(path: Path) -> None:
 def remove_empty(path: Path) -> None:
     """Removes the folder of a sequence without a complete frame, unless it holds other files."""
     with contextlib.suppress(OSError, UserError):
+        if is_dir(path / VIEWS):
+            remove_empty(path / VIEWS)
         names = {entry.name for entry in path.iterdir() if not WORK_NAME.fullmatch(entry.name)}
         if names <= {MANIFEST, PACKETS, INDEX} and not (
             INDEX in names and read_index(path, complete=False)

@@ -62,7 +62,7 @@ STAGES: tuple[Stage, ...] = (
     Stage(
         name="views",
         module="lfpipe.capture.views_stage",
-        needed=lambda options: options.live is not None,
+        needed=lambda options: options.live is not None and not options.live.recorded,
         writes=("views",),
         metrics=CAPTURE_METRICS,
         optional=True,
@@ -70,7 +70,7 @@ STAGES: tuple[Stage, ...] = (
     Stage(
         name="disparity",
         module="lfpipe.live.stage",
-        needed=lambda options: options.live is not None,
+        needed=lambda options: options.live is not None and options.show,
         reads=("views",),
         writes=("disparity",),
         optional=True,
@@ -80,7 +80,7 @@ STAGES: tuple[Stage, ...] = (
         name="record",
         module="lfpipe.record.stage",
         needed=lambda options: bool(options.record),
-        reads=("frames", "eyes"),
+        reads=("frames", "eyes", "views"),
         optional=True,
         own_core=True,
     ),
