@@ -86,6 +86,8 @@ class LiveSource:
     tiles_across: int
     # (width, height)
     frame_px: tuple[int, int]
+    # whether a frame is a picture and its depth, in place of two views
+    depth: bool = False
     # whether source is the folder of a recording, played with that of the viewer
     recorded: bool = False
 

@@ -1,7 +1,7 @@
 """Disparity: maps of the views that the viewer needs, for each frame of a live light field.
 
 Reads: ring "views", the newest frame; ring "viewpoints", the newest; of a program that draws the
-scene, its own ring, which may know the disparity.
+scene, its own ring, which may know the disparity. Depth beside a picture is taken from the frame.
 Writes: ring "disparity", one record for each frame that it had time for.
 Commands: stop; a lower rate and a faster estimator by option "level".
 Emits: alignment (rotation of the right camera).
@@ -13,6 +13,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.live.depth_picture import DepthPicture
 from lfpipe.live.estimator import Estimator, Found
 from lfpipe.live.program import Program
 from lfpipe.live.records import VIEWPOINTS, Pair, pairs_in_need, views_of
@@ -22,6 +23,7 @@ from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Stamp
 
+UNCLEAR_FRAMES = 30  # without visible depth, before the user is told: a camera may begin in black
 REPORT_NS = 5 * SECOND_NS  # between two reports of the alignment
 
 
@@ -38,8 +40,9 @@ class DisparityStage:
         self._output = context.output("disparity")
         name = live.source.removeprefix(RING)
         self._program = Program(name) if name != live.source else None
+        self._depth = DepthPicture(live) if live.depth else None
         # a mosaic of many views comes from one optical system, a pair from two
-        two_cameras = live.rows * live.cols == 2 and self._program is None
+        two_cameras = live.rows * live.cols == 2 and not (self._program or self._depth)
         self._estimator = Estimator(live, aligns=two_cameras)
         self._at = np.zeros((), VIEWPOINTS)
         self._at["left"] = self._at["right"] = (live.rows - 1) / 2, (live.cols - 1) / 2
@@ -75,16 +78,22 @@ class DisparityStage:
 
     def _found(self, stamp: Stamp, frame: NDArray[np.uint8], coarse: bool) -> Found:
         fresh = self._viewpoints.read(self._at) is not None
+        context = self._context
         pairs = self._pairs()
         if self._program is not None:
             if fresh:
                 self._program.tell(self._at)
             if (known := self._program.found(stamp, views_of(pairs))) is not None:
                 return known
+        if self._depth is not None:
+            found = self._depth.read(frame, context.config.scene.invert_depth == "yes")
+            if self._depth.unclear_frames == UNCLEAR_FRAMES:
+                context.notify("neither half of the frames looks like depth: not layout=rgbd?")
+            return found
         before = self._estimator.swapped
         found = self._estimator.estimate(frame, pairs, coarse)
         if self._estimator.swapped != before:
-            self._context.notify("the two cameras stand the other way round: views swapped")
+            context.notify("the two cameras stand the other way round: views swapped")
         return found
 
     def _pairs(self) -> list[Pair]:
@@ -96,7 +105,7 @@ class DisparityStage:
         record["scale_px"] = found.step_px
         record["low_px"], record["high_px"] = found.range_px
         record["positions"] = found.positions
-        record["swapped"] = self._estimator.swapped
+        record["swapped"] = (self._depth or self._estimator).swapped
         aligned = self._estimator.alignment
         record["align"] = np.eye(2, 3) if aligned is None else aligned.matrix
         for k, (view, disparity) in enumerate(found.maps.items()):

@@ -1,5 +1,5 @@
 """The second sequence of a recorded session: the frames of its live light field, in a folder of the
-viewer's sequence. Its manifest has the grid: rows, cols, and tiles_across, see `LiveSource`.
+viewer's sequence. Its manifest has the grid: rows, cols, tiles_across and depth, see `LiveSource`.
 """
 
 from pathlib import Path
@@ -11,11 +11,12 @@ from lfpipe.files.untrusted import Fields
 from lfpipe.sequence.folder import MANIFEST, VIEWS, Sequence, is_sequence, open_sequence
 from lfpipe.sequence.packets import COPY
 
+GRID = ("rows", "cols", "tiles_across", "depth")
+
 
 def about_grid(live: LiveSource) -> dict[str, Any]:
     """What the manifest says of the grid."""
-    grid = {"rows": live.rows, "cols": live.cols, "tiles_across": live.tiles_across}
-    return {VIEWS: grid}
+    return {VIEWS: {name: getattr(live, name) for name in GRID}}
 
 
 def open_views(recording: Path, verify: bool = True) -> tuple[Sequence, LiveSource] | None:
@@ -33,8 +34,15 @@ def open_views(recording: Path, verify: bool = True) -> tuple[Sequence, LiveSour
     cols = grid.integer("cols", 1, width_px)
     rows = grid.integer("rows", 1, height_px)
     across = grid.integer("tiles_across", 1, rows * cols)
+    depth = grid.flag("depth")
     down, rest = divmod(rows * cols, across)
-    if rest or rows * cols < 2 or width_px % across or height_px % down:
+    if (
+        rest
+        or rows * cols < 2
+        or width_px % across
+        or height_px % down
+        or (depth and (rows, cols) != (1, 2))
+    ):
         raise UserError(
             f"{where}: {rows}x{cols} views, {across} across, do not divide a frame of"
             f" {width_px}x{height_px} px",
@@ -46,5 +54,6 @@ def open_views(recording: Path, verify: bool = True) -> tuple[Sequence, LiveSour
         cols=cols,
         tiles_across=across,
         frame_px=sequence.size_px,
+        depth=depth,
         recorded=True,
     )

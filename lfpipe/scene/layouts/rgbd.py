@@ -43,8 +43,9 @@ _INVERSE = re.compile(r"disp|inverse|inv[-_ ]?depth")  # larger is nearer by def
 _MAX_PX = 700_000  # of the rendered views: 45 of them are packed in ten seconds
 _SAME_SHAPE = 1.2  # maximum ratio of the aspects of a picture and its depth map
 # levels between channels: the maximum for a depth map, the minimum for a picture
-_GREY, _COLOURED = 2.0, 6.0
+_GREY, COLOURED = 2.0, 6.0
 _LOWER = 0.35  # significant correlation of height with nearness
+DISPARITY = 0.008  # per view, between the nearest and the farthest, as a share of the width
 _HOLE_PX = 7  # around holes, where the edge of the front surface may be
 _LEFT_OPEN = "press d in the window, or set scene.invert_depth=yes, if the depth looks inverted"
 _FRAMES = (
@@ -170,15 +171,15 @@ def _by_content(listing: Listing, names: list[str]) -> tuple[str, str] | None:
     if one_picture_twice(listing) is not None:
         return None
     looks = {name: glance(listing.file(name)) for name in names}
-    colours = {name: _colour(look) for name, look in looks.items()}
+    colours = {name: colour_levels(look) for name, look in looks.items()}
     grey = [name for name in names if colours[name] < _GREY]
-    if not grey or (len(grey) == 1 and max(colours.values()) < _COLOURED):
+    if not grey or (len(grey) == 1 and max(colours.values()) < COLOURED):
         return None
     depth = min(grey, key=lambda name: float(np.abs(cv2.Laplacian(looks[name], cv2.CV_32F)).mean()))
     return next(name for name in names if name != depth), depth
 
 
-def _colour(picture: NDArray[Any]) -> float:
+def colour_levels(picture: NDArray[Any]) -> float:
     """Difference between the channels of a picture, in levels of 8 bits."""
     if picture.ndim == 2:
         return 0.0
@@ -194,7 +195,7 @@ def _beside(picture: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]] | None:
         return None
     for first, second in (halves(picture, above=False), halves(picture, above=True)):
         for image, depth in ((first, second), (second, first)):
-            if _colour(depth) < _GREY and _colour(image) > _COLOURED:
+            if colour_levels(depth) < _GREY and colour_levels(image) > COLOURED:
                 return image, depth
     return None
 
@@ -215,7 +216,7 @@ def _read(listing: Listing) -> _Photo:
     if pair := _pair(listing):
         paths = tuple(listing.file(name) for name in pair)
         (picture, full), (stored, _) = read_picture(paths[0]), read_picture(paths[1])
-        if _colour(stored) > _COLOURED:
+        if colour_levels(stored) > COLOURED:
             raise UserError(
                 f"{paths[1]}: the depth map has false colours",
                 "save it in grey, with near parts white",
@@ -277,17 +278,26 @@ def _disparity(photo: _Photo, height: int, width: int) -> NDArray[np.float32]:
             f"{photo.paths[-1]}: the depth map has one value",
             "use one in which near and far differ",
         )
+    share = np.asarray(
+        cv2.resize(filled(near, low, high), (width, height), interpolation=cv2.INTER_LINEAR)
+    )
+    return np.asarray((share - np.float32(0.5)) * np.float32(DISPARITY * width), np.float32)
+
+
+def filled(near: NDArray[np.float32], low: float, high: float) -> NDArray[np.float32]:
+    """Nearness (h, w) as a share of its range from low to high; unmeasured pixels, which are NaN,
+    are behind their neighbours.
+    """
     share = np.clip((near - np.float32(low)) / np.float32(high - low), 0, 1)
-    if not known.all():  # unmeasured pixels are behind their neighbours
+    known = np.isfinite(near)
+    if not known.any():
+        return np.zeros_like(near)
+    if not known.all():
         behind = cv2.erode(
             np.where(known, share, np.float32(1)), np.ones((_HOLE_PX, _HOLE_PX), np.uint8)
         )
         share = np.where(known, share, np.asarray(behind).ravel()[nearest(known)])
-    share = np.asarray(
-        cv2.resize(share.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
-    )
-    # per view, between the nearest and the farthest
-    return np.asarray((share - np.float32(0.5)) * np.float32(0.008 * width), np.float32)
+    return np.asarray(share, np.float32)
 
 
 def _unused(listing: Listing, photo: _Photo) -> list[str]:
