@@ -5,7 +5,9 @@ them with their exposure.
 import contextlib
 import errno
 import logging
+import os
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import attrs
@@ -155,6 +157,37 @@ def negotiate(path: Path, device: V4L2Device, camera: config.Camera) -> tuple[Mo
     return mode, SourceInfo(name, size_px, rate_hz, live=True, jpeg=jpeg, notes=tuple(notes))
 
 
+def lighter(camera: config.Camera) -> Iterator[config.Camera]:
+    """The same camera with ever less data: compressed, at half the rate, at half the size."""
+    if camera.format == "auto":
+        camera = attrs.evolve(camera, format="MJPG")
+        yield camera
+    yield attrs.evolve(camera, rate_hz=camera.nominal_hz / 2)
+    yield attrs.evolve(camera, width_px=camera.width_px // 2, height_px=camera.height_px // 2)
+
+
+def start(path: Path, device: V4L2Device, camera: config.Camera) -> tuple[Mode, SourceInfo]:
+    """Starts the stream; returns as `negotiate`. Where the USB bus lacks bandwidth, as for a second
+    camera on it, in a mode that needs less. Raises as `negotiate`.
+    """
+    tried: list[Mode] = []
+    for asked in (camera, *lighter(camera)):
+        mode, info = negotiate(path, device, asked)
+        if mode in tried:
+            continue
+        tried.append(mode)
+        try:
+            device.start()
+        except OSError as error:
+            if error.errno != errno.ENOSPC:
+                raise
+            log.info("camera %s: no bandwidth for %s", path, mode)
+            continue
+        less = () if asked is camera else ("its USB bus lacks bandwidth for more",)
+        return mode, attrs.evolve(info, notes=(*info.notes, *less))
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
 class CameraSource:
     """A streaming camera.
 
@@ -172,12 +205,11 @@ class CameraSource:
             try:
                 if not device.signal:
                     raise self._no_signal()
-                mode, info = negotiate(path, device, camera)
+                mode, info = start(path, device, camera)
                 self._decoder = FrameDecoder(mode)
                 opened_so_far.callback(self._decoder.close)
                 self._controls = CameraControls(device.duplicate(), camera)
                 opened_so_far.callback(self._controls.end, CONTROLS_S)
-                device.start()
                 # discarded: often dark, and old when the session is ready
                 first = device.read(START_S)
             except TimeoutError:
@@ -208,6 +240,12 @@ class CameraSource:
                 " set later, or never"
             )
         self.info = attrs.evolve(info, notes=(*notes, *self._controls.notes.values()))
+
+    def follow(self, first: "CameraSource") -> None:
+        """Takes over exposure, gain and white balance of another camera, as far as both have
+        them.
+        """
+        self._controls.leader = first._controls
 
     def _no_signal(self) -> UserError:
         return UserError(

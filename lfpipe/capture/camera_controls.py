@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from lfpipe import config
-from lfpipe.capture.v4l2_device import V4L2Device
+from lfpipe.capture.v4l2_device import ControlRange, V4L2Device
 from lfpipe.files.safe_files import reason
 
 log = logging.getLogger(__name__)
@@ -19,6 +19,7 @@ T = TypeVar("T")
 
 # linux/v4l2-controls.h
 AUTO_GAIN, GAIN, POWER_LINE = 0x00980912, 0x00980913, 0x00980918
+AUTO_WHITE, WHITE = 0x0098090C, 0x0098091A
 AUTO_EXPOSURE, EXPOSURE, DYNAMIC_FRAMERATE = 0x009A0901, 0x009A0902, 0x009A0903
 POWER_LINE_HZ = (0, 50, 60)  # by menu entry; the next is automatic
 CHECK_S = 2.0  # automatic exposure follows the light
@@ -34,6 +35,13 @@ DARKER = (
 AMOUNTS = {
     "camera.exposure": (EXPOSURE, 10, " ms", AUTO_EXPOSURE, 1),
     "camera.gain": (GAIN, 1, "", AUTO_GAIN, 0),
+}
+
+
+# what a second camera takes over from the first: control -> the one of its automatic, and the
+# value of that for "manual"
+FOLLOWED = {control: (switch, manual) for control, _, _, switch, manual in AMOUNTS.values()} | {
+    WHITE: (AUTO_WHITE, 0)
 }
 
 
@@ -70,7 +78,8 @@ class CameraControls(threading.Thread):
 
     notes: for the user, by key, complete once `applied` is set. exposure_ns: as the camera reports
     it, None if it does not.
-    signal: False if nothing is connected to the device's input.
+    signal: False if nothing is connected to the device's input. values: of the controls in FOLLOWED
+    that the device has. leader: of the camera whose values this one takes over, if any.
     """
 
     def __init__(self, device: V4L2Device, camera: config.Camera) -> None:
@@ -78,7 +87,9 @@ class CameraControls(threading.Thread):
         super().__init__(name="camera-controls", daemon=True)
         self._device = device
         self._camera = camera
-        self._before: list[tuple[int, int]] = []
+        self._before: dict[int, int] = {}
+        self.values: dict[int, int] = {}
+        self.leader: CameraControls | None = None
         self._ending = threading.Event()
         self.applied = threading.Event()
         self.notes: dict[str, str] = {}
@@ -92,10 +103,14 @@ class CameraControls(threading.Thread):
             while True:
                 self.exposure_ns = self._asked("", self._exposure_ns)
                 self.signal = self._device.signal
+                self.values = self._asked("", self._followed_values) or {}
+                if self.leader is not None:
+                    for control, value in self.leader.values.items():
+                        self._asked("", self._follow, control, value)
                 self.applied.set()
                 if self._ending.wait(CHECK_S):
                     break
-            for control, value in self._before[::-1]:
+            for control, value in reversed(self._before.items()):
                 any(
                     self._asked("", self._set, control, value) is not None
                     for _ in range(RESTORE_TRIES)
@@ -150,7 +165,7 @@ class CameraControls(threading.Thread):
         before = self._device.control(control)
         if before != value:
             self._device.set_control(control, value)
-            self._before.append((control, before))
+            self._before.setdefault(control, before)
         return before != value
 
     def _set_amount(self, key: str, value: float) -> None:
@@ -160,8 +175,7 @@ class CameraControls(threading.Thread):
         if (span := self._device.control_range(control)) is None:
             self.notes[key] = f"{key} = {value:g}{unit}: the camera has no such control"
             return
-        steps = round((value * scale - span.minimum) / span.step)
-        nearest = min(max(span.minimum + steps * span.step, span.minimum), span.maximum)
+        nearest = _nearest(span, value * scale)
         self._set(control, nearest)
         if abs(nearest - value * scale) > max(span.step, 1) / 2:
             low, high = span.minimum / scale, span.maximum / scale
@@ -170,7 +184,25 @@ class CameraControls(threading.Thread):
                 " possible)"
             )
 
+    def _followed_values(self) -> dict[int, int]:
+        device = self._device
+        known = [control for control in FOLLOWED if device.control_range(control) is not None]
+        return {control: device.control(control) for control in known}
+
+    def _follow(self, control: int, value: int) -> None:
+        """Sets a control to the nearest to another camera's value, by hand."""
+        if (span := self._device.control_range(control)) is not None:
+            self._set(*FOLLOWED[control])
+            self._set(control, _nearest(span, value))
+
     def _exposure_ns(self) -> int | None:
         if self._device.control_range(EXPOSURE) is None:
             return None
         return self._device.control(EXPOSURE) * 100_000 or None  # it counts 0.1 ms
+
+
+def _nearest(span: ControlRange, value: float) -> int:
+    """The value in a range that is nearest to another one."""
+    steps = round((value - span.minimum) / span.step)
+    last = (span.maximum - span.minimum) // span.step
+    return span.minimum + min(max(steps, 0), last) * span.step

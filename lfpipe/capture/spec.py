@@ -284,6 +284,10 @@ class RowKind(SourceKind):
         try:
             for kind in self.cameras:
                 opened.append(kind.open(one))
+            for other in opened[1:]:
+                follow = getattr(other, "follow", None)  # of a V4L2 camera, which has controls
+                if follow is not None and type(other) is type(opened[0]):
+                    follow(opened[0])
             return RowSource(opened)
         except BaseException:
             for source in opened:

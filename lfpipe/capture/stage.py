@@ -106,7 +106,7 @@ class CaptureStage:
         self._ended = False
 
     def _report_source(self) -> None:
-        info = self._source.info
+        self._reported = info = self._source.info
         context = self._context
         context.row["nominal_mhz"] = round(1000 * info.rate_hz)
         notes = "; ".join(info.notes)
@@ -200,6 +200,8 @@ class CaptureStage:
         self._watch_content(frame.t_sensor_ns)
         stale = False
         if self._live:
+            if self._source.info.notes != self._reported.notes:
+                self._report_source()
             lost = frame.source_seq - self._next_seq
             self._next_seq = frame.source_seq + 1
             context.row["left_out" if self._rested else "drops"] += lost

@@ -255,11 +255,15 @@ class V4L2Device:
         count = min(int(self.ioctl(abi.REQBUFS, _buffers(BUFFERS)).count), MAX_BUFFERS)
         if not count:
             raise OSError(errno.ENOMEM, "the driver has no buffers")
-        for index in range(count):
-            buffer = self.ioctl(abi.QUERYBUF, _buffer(index))
-            self._maps.append(mmap.mmap(self.fd, buffer.length, offset=buffer.offset))
-            self.ioctl(abi.QBUF, _buffer(index))
-        self.ioctl(abi.STREAMON, abi.Number(abi.VIDEO_CAPTURE))
+        try:
+            for index in range(count):
+                buffer = self.ioctl(abi.QUERYBUF, _buffer(index))
+                self._maps.append(mmap.mmap(self.fd, buffer.length, offset=buffer.offset))
+                self.ioctl(abi.QBUF, _buffer(index))
+            self.ioctl(abi.STREAMON, abi.Number(abi.VIDEO_CAPTURE))
+        except OSError:  # another mode may be tried, for which it must have no buffers
+            self._stop()
+            raise
         self._poll = select.poll()
         self._poll.register(self.fd, select.POLLIN)
 
@@ -308,13 +312,17 @@ class V4L2Device:
         if self.fd < 0:
             return
         if self._maps:
-            with contextlib.suppress(OSError):
-                self.ioctl(abi.STREAMOFF, abi.Number(abi.VIDEO_CAPTURE))
-            for memory in self._maps:
-                # a frame is still in use: the map is freed with it
-                with contextlib.suppress(BufferError):
-                    memory.close()
-            with contextlib.suppress(OSError):
-                self.ioctl(abi.REQBUFS, _buffers(0))
+            self._stop()
         os.close(self.fd)
         self.fd = -1
+
+    def _stop(self) -> None:
+        with contextlib.suppress(OSError):
+            self.ioctl(abi.STREAMOFF, abi.Number(abi.VIDEO_CAPTURE))
+        for memory in self._maps:
+            # a frame is still in use: the map is freed with it
+            with contextlib.suppress(BufferError):
+                memory.close()
+        self._maps.clear()
+        with contextlib.suppress(OSError):
+            self.ioctl(abi.REQBUFS, _buffers(0))

@@ -3,6 +3,7 @@
 import os
 from pathlib import Path
 
+import attrs
 import numpy as np
 import pytest
 
@@ -154,6 +155,19 @@ def test_cameras_in_a_row_are_paired_by_time_and_matched_in_brightness() -> None
         assert row.offset_ns <= 17 * ms
     assert len(frames) > 200 and frames[0].t_sensor_ns == 100 * ms
     assert abs(int(out[0, 0, 0]) - int(out[0, 127, 0])) <= 2, "as bright as the first"
+    (said,) = row.info.notes
+    assert said.startswith("camera 2 matched to the first: blue x1.1")
+
+
+def test_cameras_in_a_row_of_another_size_are_scaled_and_of_another_shape_refused() -> None:
+    half = Camera([10], 100)
+    half.info = attrs.evolve(half.info, size_px=(32, 24))
+    row = RowSource([Camera([10], 100), half])
+    out = np.zeros((48, 128, 3), np.uint8)
+    assert row.read(out) is not None and (out == 100).all()
+    half.info = attrs.evolve(half.info, size_px=(32, 32))
+    with pytest.raises(UserError, match="64x48, 32x32"):
+        RowSource([Camera([10], 100), half])
 
 
 def test_check_live_reads_cameras_in_a_row(tmp_path: Path) -> None:
