@@ -11,11 +11,12 @@ from pathlib import Path
 
 import attrs
 
-from lfpipe.capture.open_source import probe_source
+from lfpipe.capture.open_source import camera_name, probe_source
 from lfpipe.capture.spec import RingKind, RowKind, SourceKind, parse_source
 from lfpipe.config import Camera, Config, LiveSource
+from lfpipe.config.user_files import measured_placement
 from lfpipe.errors import UserError
-from lfpipe.live.shared_scene import attached
+from lfpipe.live.shared_scene import attached, two_cameras
 
 PREFIX = "live:"
 FORM = "live:SOURCE?layout=side-by-side|over-under|rgbd|mosaic&grid=RxC&size=WxH"
@@ -72,7 +73,10 @@ def check_live(text: str, config: Config) -> LiveSource:
             f"{text}: views of {live.width_px}x{live.height_px} px are too small",
             f"use views of at least {SMALLEST_PX} px a side",
         )
-    return live
+    if not two_cameras(live):
+        return live
+    placement = measured_placement(camera_name(source), live.width_px)
+    return attrs.evolve(live, placement=placement)
 
 
 def check_devices(text: str, live: LiveSource, viewer: str) -> None:

@@ -255,6 +255,7 @@ class RowKind(SourceKind):
     """Two to four cameras in a row, from left to right; their pictures side by side."""
 
     cameras: tuple[SourceKind, ...]
+    names: tuple[str, ...]
 
     form = "row:SOURCE,SOURCE"
     MOST: ClassVar[int] = 4
@@ -267,14 +268,18 @@ class RowKind(SourceKind):
                 f"row:{rest}: not 2 to {cls.MOST} different cameras",
                 "name them from left to right, for example row:camera:2,camera:4",
             )
-        return cls(tuple(parse_source(text) for text in texts))
+        return cls(tuple(parse_source(text) for text in texts), tuple(texts))
 
     @property
     def live(self) -> bool:  # type: ignore[override]
         return self.cameras[0].live
 
     def __str__(self) -> str:
-        return f"row:{','.join(map(str, self.cameras))}"
+        return f"row:{','.join(self.names)}"
+
+    def name_in_measurements(self, text: str) -> str:
+        cameras = zip(self.cameras, self.names, strict=True)
+        return ",".join(kind.name_in_measurements(name) for kind, name in cameras)
 
     def open(self, camera: config.Camera) -> "FrameSource":
         from lfpipe.capture.row_source import RowSource

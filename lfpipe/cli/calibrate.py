@@ -4,21 +4,25 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 
+import attrs
 import click
 
+from lfpipe.capture.live_source import PREFIX, check_live, is_live
 from lfpipe.capture.open_source import camera_name
 from lfpipe.cli.options import CAMERA, Number, with_config
 from lfpipe.cli.terminal import print_result
 from lfpipe.config import Config, load, user_file
-from lfpipe.config.user_files import camera_file, write_keys
+from lfpipe.config.user_files import PLACED, camera_file, write_keys
 from lfpipe.errors import UserError
-from lfpipe.monitor.calibrate import by_card, by_eyes
+from lfpipe.live.shared_scene import two_cameras
+from lfpipe.monitor.calibrate import by_card, by_eyes, placement_of
 
 BANK_CARD_MM = 85.60  # ISO/IEC 7810 ID-1
 USUAL_DEG = (30, 130)  # fields of view of webcams, narrow to wide
 
 
 @click.command()
+@click.argument("scene", required=False, metavar="[live:SRC]")
 @CAMERA
 @click.option(
     "--distance",
@@ -37,13 +41,20 @@ USUAL_DEG = (30, 130)  # fields of view of webcams, narrow to wide
     help="Measure your eyes, or a bank card.",
 )
 @with_config
-def calibrate(camera: str | None, distance_mm: float, by: str, config: Config) -> None:
+def calibrate(
+    scene: str | None, camera: str | None, distance_mm: float, by: str, config: Config
+) -> None:
     """Measure the focal length of the camera and store it under the camera's name.
 
     Sit with your eyes MM from the camera (or hold a bank card there, parallel to the camera) and
     follow the instructions in the window. Without a screen, the measurement starts when eyes are
     detected.
+
+    With live:SRC, measure and store instead how the second of two cameras stands against the first.
     """
+    if scene is not None:
+        _calibrate_pair(scene, config)
+        return
     name = camera_name(camera or config.camera.source)
     size_px = (
         by_card(config, camera, distance_mm)
@@ -75,6 +86,24 @@ def calibrate(camera: str | None, distance_mm: float, by: str, config: Config) -
         print_result(
             f"camera.focal_px removed from {user_file()}: it would override the measured value"
         )
+
+
+def _calibrate_pair(text: str, config: Config) -> None:
+    live = check_live(text if is_live(text) else PREFIX + text, config)
+    if not two_cameras(live):
+        raise UserError(f"{text}: not two cameras", "name a camera with two views, or two cameras")
+    name = camera_name(live.source)
+    placed = placement_of(live, config)
+    if placed.swapped:
+        print_result("the first camera delivers the right view: views swapped")
+    sense = "clockwise" if placed.rotation_deg >= 0 else "anticlockwise"
+    print_result(f"right camera is rotated by {abs(placed.rotation_deg):.1f} degrees {sense}")
+    lies = f"{abs(placed.height_px):.1f} px {'lower' if placed.height_px >= 0 else 'higher'}"
+    print_result(f"its picture lies {lies}, and is {placed.scale:.3f} times as large")
+    values = {key: round(value, 4) for key, value in attrs.asdict(placed).items()}
+    values |= {"swapped": placed.swapped, "width_px": live.width_px}
+    store(camera_file(), PLACED + name, values)
+    print_result(f"stored for {name} in {camera_file()}")
 
 
 def store(path: Path, section: str, values: Mapping[str, float | str | None]) -> None:

@@ -8,6 +8,7 @@ from lfpipe.config.check import load, parse_set, updated
 from lfpipe.config.session_options import (
     DrawingCosts,
     LiveSource,
+    Placement,
     QualityLevel,
     SceneSummary,
     SessionOptions,
@@ -36,6 +37,7 @@ __all__ = [
     "DrawingCosts",
     "Governor",
     "LiveSource",
+    "Placement",
     "QualityLevel",
     "Render",
     "Replay",

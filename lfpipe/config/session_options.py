@@ -74,6 +74,20 @@ class SceneSummary:
 
 
 @attrs.frozen(kw_only=True)
+class Placement:
+    """How the second of two cameras stands against the first one."""
+
+    # px of a view by which its picture lies lower
+    height_px: float = 0.0
+    # clockwise
+    rotation_deg: float = 0.0
+    # of its picture
+    scale: float = 1.0
+    # whether the first one delivers the right view
+    swapped: bool = False
+
+
+@attrs.frozen(kw_only=True)
 class LiveSource:
     """A source that delivers all views of a light field in each frame."""
 
@@ -88,6 +102,8 @@ class LiveSource:
     frame_px: tuple[int, int]
     # whether a frame is a picture and its depth, in place of two views
     depth: bool = False
+    # of two cameras, measured by `lfpipe calibrate`
+    placement: Placement | None = None
     # whether source is the folder of a recording, played with that of the viewer
     recorded: bool = False
 

@@ -11,12 +11,15 @@ from typing import Any
 
 import attrs
 
+from lfpipe.config.session_options import Placement
 from lfpipe.config.tree import Config, Key, options
 from lfpipe.files.safe_files import read_text, write_file
 from lfpipe.files.untrusted import Fields, toml_table
 from lfpipe.host.files import exists, is_missing
 
 FILE_BYTES = 128 << 10  # ten times the size of a file with every key
+PLACED = "live:"  # prefix of the table of a placement
+MOST_PX = 65536.0  # of a view's width, and of what it differs by
 FOCAL_PX = 1.0, 1e6  # of a camera: what camera.focal_px accepts, at any width
 
 
@@ -29,23 +32,42 @@ def user_file() -> Path:
 
 def camera_file() -> Path:
     """Path of the measured focal lengths, which need not exist: `[NAME] focal_px, width_px`, one
-    table per camera.
+    table per camera; and of the placement of two cameras, `["live:NAMES"]`.
     """
     return user_file().with_name("cameras.toml")
+
+
+def _measured(name: str) -> Fields | None:
+    """The table of a camera among the measured ones. Raises UserError if the file is damaged."""
+    path = camera_file()
+    if is_missing(path):
+        return None
+    remedy = "remove the file, and run `lfpipe calibrate` again"
+    cameras = toml_table(read_text(path, FILE_BYTES, str(path), remedy), str(path), remedy)
+    return Fields(cameras, str(path), remedy).table(name) if name in cameras else None
+
+
+def measured_placement(cameras: str, width_px: int) -> Placement | None:
+    """The measured placement of two cameras whose views have that width. Raises UserError if the
+    file is damaged.
+    """
+    if (measured := _measured(PLACED + cameras)) is None:
+        return None
+    height_px = measured.number("height_px", -MOST_PX, MOST_PX)
+    return Placement(
+        height_px=height_px * width_px / measured.number("width_px", 1, MOST_PX),
+        rotation_deg=measured.number("rotation_deg", -45, 45),
+        scale=measured.number("scale", 0.5, 2),
+        swapped=measured.flag("swapped"),
+    )
 
 
 def with_measured_focal(config: Config, camera: str) -> Config:
     """Returns config with the measured focal length of that camera, unless camera.focal_px has a
     value. Without a measurement, config is unchanged. Raises UserError if the file is damaged.
     """
-    path = camera_file()
-    if config.camera.focal_px != "auto" or is_missing(path):
+    if config.camera.focal_px != "auto" or (measured := _measured(camera)) is None:
         return config
-    remedy = "remove the file, and run `lfpipe calibrate` again"
-    cameras = toml_table(read_text(path, FILE_BYTES, str(path), remedy), str(path), remedy)
-    if camera not in cameras:
-        return config
-    measured = Fields(cameras, str(path), remedy).table(camera)
     focal_px, width_px = (measured.number(name, *FOCAL_PX) for name in ("focal_px", "width_px"))
     here_px = round(focal_px * config.camera.frame_px[0] / width_px, 1)
     return attrs.evolve(config, camera=attrs.evolve(config.camera, focal_px=here_px))

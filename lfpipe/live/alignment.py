@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.config import Placement
 from lfpipe.scene.optical_flow import FloatMap, Grey, robust_fit, textured
 
 SAMPLES = 800  # pixels of a frame that are compared
@@ -25,18 +26,24 @@ MEASURED = 5  # frames before it is applied
 class Alignment:
     """Follows the alignment, frame by frame."""
 
-    def __init__(self, width_px: int, height_px: int) -> None:
+    def __init__(self, width_px: int, height_px: int, start: Placement | None = None) -> None:
+        """start: as it was measured before."""
         self._middle = (width_px - 1) / 2, (height_px - 1) / 2
-        self._fit = np.zeros(3)  # height px, rotation rad, scale
-        self._seen = self._frames = 0  # frames, and those with enough texture
-        self._applied = np.zeros(3)
+        self._fit = np.zeros(3)  # height px, rotation rad, scale - 1
+        self._seen = self.frames = 0
+        """Frames, and those with enough texture."""
+        if start is not None:
+            turn = math.radians(start.rotation_deg)
+            self._fit = np.array([start.height_px, turn, start.scale - 1])
+            self.frames = FAST_FRAMES
+        self._applied = self._fit.copy()
 
     def add(self, left: Grey, flow_px: FloatMap) -> None:
         """Adds a frame: the left view at half its size, and the flow to the aligned right one, in
         px of the full size.
         """
         self._seen += 1
-        if self._frames > FAST_FRAMES and self._seen % EVERY:
+        if self.frames > FAST_FRAMES and self._seen % EVERY:
             return
         at = np.flatnonzero(textured(left))
         if len(at) < SAMPLES // 8:
@@ -47,17 +54,22 @@ class Alignment:
             [np.ones(len(at)), 2.0 * x - self._middle[0], 2.0 * y - self._middle[1]]
         )
         rest = robust_fit(matrix, flow_px[..., 1].ravel()[at].astype(float), TOLERANCE_PX)
-        self._frames += 1
-        share = max(1 / self._frames, 1 / FAST_FRAMES if self._frames <= FAST_FRAMES else SLOW)
+        self.frames += 1
+        share = max(1 / self.frames, 1 / FAST_FRAMES if self.frames <= FAST_FRAMES else SLOW)
         # the flow was measured with what is applied already
         self._fit += share * (self._applied + rest - self._fit)
-        if self._frames >= MEASURED:
+        if self.frames >= MEASURED:
             self._applied = self._fit.copy()
 
-    @property
-    def rotation_deg(self) -> float:
-        """Of the right camera against the left one, clockwise."""
-        return math.degrees(self._applied[1])
+    def placement(self, swapped: bool) -> Placement:
+        """Of the right camera against the left one."""
+        height_px, turn, larger = self._applied.tolist()
+        return Placement(
+            height_px=height_px,
+            rotation_deg=math.degrees(turn),
+            scale=1 + larger,
+            swapped=swapped,
+        )
 
     @property
     def matrix(self) -> NDArray[np.float32]:

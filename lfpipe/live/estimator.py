@@ -74,8 +74,9 @@ class Estimator:
         self._live = live
         self._engines = [_engine(*FINE), _engine(*COARSE)]
         self._states: dict[Pair, _PairState] = {}
-        self.alignment = Alignment(live.width_px, live.height_px) if aligns else None
-        self.swapped = False
+        placed = live.placement
+        self.alignment = Alignment(live.width_px, live.height_px, placed) if aligns else None
+        self.swapped = placed is not None and placed.swapped
         """Whether the left camera delivers the right view, as in the record of disparity."""
         self._behind = 0  # frames in a row in which everything is behind infinity
         self._step_px = STEPS_PX[1]

@@ -8,6 +8,7 @@ import re
 
 import numpy as np
 
+from lfpipe.config import LiveSource
 from lfpipe.errors import UserError
 from lfpipe.host import segment
 from lfpipe.live.records import VIEWPOINTS
@@ -27,6 +28,13 @@ def segment_of(name: str) -> str:
 def viewpoints_of(name: str) -> str:
     """The name of the segment with the viewpoints."""
     return segment_of(name) + ".viewpoints"
+
+
+def two_cameras(live: LiveSource) -> bool:
+    """Whether the views are those of two cameras, which may be turned: a mosaic of many comes from
+    one optical system, and a program's views are exact.
+    """
+    return live.rows * live.cols == 2 and not (live.depth or live.source.startswith(RING))
 
 
 def check_name(name: str) -> None:

@@ -17,7 +17,7 @@ from lfpipe.live.depth_picture import DepthPicture
 from lfpipe.live.estimator import Estimator, Found
 from lfpipe.live.program import Program
 from lfpipe.live.records import VIEWPOINTS, Pair, pairs_in_need, views_of
-from lfpipe.live.shared_scene import RING
+from lfpipe.live.shared_scene import RING, two_cameras
 from lfpipe.transport import ring
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
@@ -41,9 +41,7 @@ class DisparityStage:
         name = live.source.removeprefix(RING)
         self._program = Program(name) if name != live.source else None
         self._depth = DepthPicture(live) if live.depth else None
-        # a mosaic of many views comes from one optical system, a pair from two
-        two_cameras = live.rows * live.cols == 2 and not (self._program or self._depth)
-        self._estimator = Estimator(live, aligns=two_cameras)
+        self._estimator = Estimator(live, aligns=two_cameras(live))
         self._at = np.zeros((), VIEWPOINTS)
         self._at["left"] = self._at["right"] = (live.rows - 1) / 2, (live.cols - 1) / 2
         self._reported_ns = 0
@@ -119,7 +117,8 @@ class DisparityStage:
         aligned = self._estimator.alignment
         if aligned is not None and t_ns - self._reported_ns > REPORT_NS:
             self._reported_ns = t_ns
-            self._context.emit("alignment", rotation_deg=round(aligned.rotation_deg, 2))
+            placed = aligned.placement(self._estimator.swapped)
+            self._context.emit("alignment", rotation_deg=round(placed.rotation_deg, 2))
 
     def close(self) -> None:
         """Closes the rings that the context does not know."""

@@ -1,5 +1,6 @@
 """Disparity of live views: against the exact one, over time, and for cameras that are turned."""
 
+import attrs
 import cv2
 import numpy as np
 import pytest
@@ -106,7 +107,13 @@ def test_alignment_finds_how_the_right_camera_is_turned(
     for _ in range(40):
         found = estimator.estimate(frame, PAIR)
     assert estimator.alignment is not None
-    assert estimator.alignment.rotation_deg == pytest.approx(turn_deg, abs=0.15)
+    placed = estimator.alignment.placement(swapped=False)
+    assert placed.rotation_deg == pytest.approx(turn_deg, abs=0.15)
+    assert placed.scale == pytest.approx(scale, abs=0.003)
+    assert placed.height_px == pytest.approx(lower_px, abs=0.5)
+    again = Estimator(attrs.evolve(live, placement=placed), aligns=True)
+    first = again.estimate(frame, PAIR)
+    assert exact_error_px(first, (0, 0), field) < 0.5, "aligned from the first frame on"
     assert exact_error_px(found, (0, 0), field) < 0.5
     straight = aligned(right, estimator.alignment.matrix)
     inside = np.s_[40:-40, 40:-40]
