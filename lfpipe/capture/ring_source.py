@@ -1,5 +1,6 @@
 """Frames of another program's live scene: its views as one picture, a mosaic."""
 
+import math
 import time
 
 import numpy as np
@@ -32,7 +33,16 @@ class RingSource:
         self.info = SourceInfo(f"ring:{name}", size_px, RATE_HZ, live=True)
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
-        """See `FrameSource.read`. Raises UserError when the program has ended."""
+        """See `FrameSource.read`. Raises UserError when the program has ended, or came back with
+        other views.
+        """
+        if out.size != math.prod(self._grid):
+            rows, height, cols, width, _ = self._grid
+            raise UserError(
+                f"ring:{self._name}: its program draws {rows}x{cols} views of {width}x{height} px"
+                " now",
+                "end this session and start it again",
+            )
         until_ns = now_ns() + WAIT_NS
         while now_ns() < until_ns:
             if (peeked := self._reader.peek()) is not None:

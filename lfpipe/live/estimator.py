@@ -28,6 +28,9 @@ RETURN_PX = 1.0  # between the disparity of a point in both views: more, and one
 # Between two frames, in grey levels: below, a pixel has not changed but for the camera's noise, and
 # KEPT of its last disparity remains, unless that differs by MOVED_PX.
 NOISE_LEVELS, KEPT, MOVED_PX = 6.0, 0.75, 1.0
+# Of a pair's pixels that agree: 0.74 to 1 were measured in pairs of ten light fields, up to 4 views
+# apart, and 0.02 to 0.34 in fifteen pairs of unrelated pictures.
+AGREE_SHARE = 0.5
 # disparity of the nearest, and frames in a row below it, by which two cameras are swapped
 BEHIND_PX, BEHIND_FRAMES = -2.0, 30
 RANGE_PERCENT = (1.0, 99.0)  # of the disparities that count as farthest and nearest
@@ -78,6 +81,9 @@ class Estimator:
         self.alignment = Alignment(live.width_px, live.height_px, placed) if aligns else None
         self.swapped = placed is not None and placed.swapped
         """Whether the left camera delivers the right view, as in the record of disparity."""
+        self.strange_frames = 0
+        """In a row, whose views do not show one scene."""
+        self._agreement = 0.0  # of the last pair: share of its pixels that agree in both directions
         self._behind = 0  # frames in a row in which everything is behind infinity
         self._step_px = STEPS_PX[1]
 
@@ -88,11 +94,14 @@ class Estimator:
         greys = {view: self._grey(frame, view) for view in views_of(pairs)}
         engine = self._engines[coarse or len(pairs) > FINE_PAIRS]
         found: dict[View, FloatMap] = {}
+        agreement = 0.0
         for pair in pairs:
             a, b = pair
             both = self._pair(pair, greys[a], greys[b], engine)
             for view, disparity in zip(pair, both, strict=True):
                 found.setdefault(view, disparity)
+            agreement = max(agreement, self._agreement)
+        self.strange_frames = self.strange_frames + 1 if agreement < AGREE_SHARE else 0
         self._states = {pair: state for pair, state in self._states.items() if pair in pairs}
         sample = np.concatenate([one[::4, ::4].ravel() for one in found.values()])
         low, high = np.percentile(sample, RANGE_PERCENT).tolist()
@@ -158,6 +167,8 @@ class Estimator:
 
         half = np.float32(0.5)
         seen_by_a, seen_by_b = at(db, -half * da), at(da, half * db)
+        agree = np.abs(da - seen_by_a)[::4, ::4] < RETURN_PX
+        self._agreement = float(np.mean(agree))
         return _farther(da, seen_by_a), _farther(db, seen_by_b)
 
     def _set_step(self, most_px: float) -> None:

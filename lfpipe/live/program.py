@@ -6,10 +6,11 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.config import LiveSource
 from lfpipe.errors import UserError
 from lfpipe.live.estimator import Found
 from lfpipe.live.records import View
-from lfpipe.live.shared_scene import attached, viewpoints_of
+from lfpipe.live.shared_scene import MAX_SIDE_VIEWS, RING, attached, viewpoints_of
 from lfpipe.transport import ring
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.ring import Stamp
@@ -20,8 +21,10 @@ RETRY_NS = SECOND_NS  # between two tries to find its ring again
 class Program:
     """The rings of a live scene, whose program may end and start again."""
 
-    def __init__(self, name: str) -> None:
-        self._name = name
+    def __init__(self, live: LiveSource) -> None:
+        """live: of such a scene."""
+        self._live = live
+        self._name = live.source.removeprefix(RING)
         self._reader: ring.Reader | None = None
         self._viewpoints: ring.Writer | None = None
         self._tried_ns = 0
@@ -31,7 +34,11 @@ class Program:
         self.close()
         self._tried_ns = now_ns()
         with contextlib.suppress(UserError, FileNotFoundError):
-            self._reader, _, _ = attached(self._name)
+            self._reader, grid, size_px = attached(self._name)
+            live = self._live
+            if (*grid, *size_px) != (live.rows, live.cols, live.width_px, live.height_px):
+                self.close()  # it came back with other views, which cannot be shown
+                return
             self._viewpoints = ring.Writer(viewpoints_of(self._name))
 
     def tell(self, at: NDArray[np.void]) -> None:
@@ -49,9 +56,10 @@ class Program:
             return None
         slot, record = taken
         step_px = float(record["step_px"])
-        if not step_px > 0:
-            return None
         positions = np.array(record["positions"])
+        # NaN is none; what no program means is not used
+        if not 0 < step_px <= self._live.width_px or (np.abs(positions) > MAX_SIDE_VIEWS).any():
+            return None
         if np.isfinite(positions).all():
             views = [divmod(eye, record["maps"].shape[1]) for eye in (0, 1)]
         maps = {view: np.array(record["maps"][view]) for view in views}

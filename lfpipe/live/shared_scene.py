@@ -77,11 +77,17 @@ def attached(name: str) -> tuple[ring.Reader, tuple[int, int], tuple[int, int]]:
         reader = ring.Reader(segment_of(name))
     except FileNotFoundError:
         raise UserError(f"ring:{name}: no such live scene", remedy) from None
+    except (UserError, ValueError, LookupError, TypeError):  # written in another language, too
+        raise _other_version(name) from None
     shape = dict((reader.dtype.fields or {}).items()).get("views", (np.dtype("u1"),))[0].shape
     if len(shape) == 5 and reader.dtype == scene_dtype(shape[0], shape[1], (shape[3], shape[2])):
         return reader, shape[:2], (shape[3], shape[2])
     reader.close()
-    raise UserError(
+    raise _other_version(name)
+
+
+def _other_version(name: str) -> UserError:
+    return UserError(
         f"ring:{name}: its records are not those of this version",
         "use the same version of lfpipe in both programs",
     )

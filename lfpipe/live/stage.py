@@ -23,7 +23,7 @@ from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Stamp
 
-UNCLEAR_FRAMES = 30  # without visible depth, before the user is told: a camera may begin in black
+UNCLEAR_FRAMES = 30  # of no use, before the user is told: a camera may begin in black
 REPORT_NS = 5 * SECOND_NS  # between two reports of the alignment
 
 
@@ -38,8 +38,7 @@ class DisparityStage:
         self._views = context.input("views")
         self._viewpoints = ring.Reader(context.spec.session.segment("viewpoints"))  # wakes nobody
         self._output = context.output("disparity")
-        name = live.source.removeprefix(RING)
-        self._program = Program(name) if name != live.source else None
+        self._program = Program(live) if live.source.startswith(RING) else None
         self._depth = DepthPicture(live) if live.depth else None
         self._estimator = Estimator(live, aligns=two_cameras(live))
         self._at = np.zeros((), VIEWPOINTS)
@@ -90,6 +89,8 @@ class DisparityStage:
             return found
         before = self._estimator.swapped
         found = self._estimator.estimate(frame, pairs, coarse)
+        if self._estimator.strange_frames == UNCLEAR_FRAMES:
+            context.notify("the views do not show one scene: check the cameras, layout and grid")
         if self._estimator.swapped != before:
             context.notify("the two cameras stand the other way round: views swapped")
         return found

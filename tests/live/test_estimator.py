@@ -149,3 +149,18 @@ def test_cameras_in_the_other_order_are_swapped() -> None:
     for _ in range(40):
         right.estimate(frame, PAIR)
     assert not right.swapped
+
+
+def test_views_of_different_scenes_are_noticed() -> None:
+    live = made.source(1, 2, 240, 320)
+    left = rendered.field(1, 2, 240, 320, scale=2.0)
+    frame = made.frame_of(left)
+    other = frame.copy()
+    other[:, 320:] = frame[::-1, 639:319:-1]  # upside down, and mirrored
+    estimator = Estimator(live, aligns=True)
+    for number in range(1, 8):
+        estimator.estimate(other, PAIR)
+        assert estimator.strange_frames == number
+    for _ in range(8):
+        estimator.estimate(frame, PAIR)
+    assert estimator.strange_frames == 0

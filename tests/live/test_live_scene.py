@@ -16,6 +16,8 @@ from lfpipe.config import Config
 from lfpipe.errors import UserError
 from lfpipe.live.program import Program
 from lfpipe.live.records import VIEWPOINTS, cut
+from lfpipe.live.shared_scene import segment_of
+from lfpipe.transport import ring
 from lfpipe.transport.ring import Stamp
 from tests.support.films import write_film
 
@@ -33,7 +35,7 @@ def test_live_scene_reaches_a_session_with_its_disparity_and_learns_its_viewpoin
     with lfpipe.LiveScene(NAME, rows=2, cols=3, size_px=(64, 48)) as scene:
         live = check_live(f"live:ring:{NAME}", Config())
         assert (live.rows, live.cols, live.width_px, live.height_px) == (2, 3, 64, 48)
-        source, program = RingSource(NAME), Program(NAME)
+        source, program = RingSource(NAME), Program(live)
         scene.write(views, disparity, t_ns=123)
         out = np.empty((96, 192, 3), np.uint8)
         frame = source.read(out)
@@ -57,6 +59,46 @@ def test_live_scene_reaches_a_session_with_its_disparity_and_learns_its_viewpoin
         program.close()
     with pytest.raises(UserError, match="no such live scene"):
         RingSource(NAME)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("step_px", np.nan),
+        ("step_px", np.inf),
+        ("step_px", -1.0),
+        ("step_px", 1e9),
+        ("positions", np.inf),
+        ("positions", -1e300),
+    ],
+)
+def test_disparity_that_no_program_means_is_measured_instead(name: str, value: float) -> None:
+    with lfpipe.LiveScene(NAME, rows=1, cols=2, size_px=(64, 48)) as scene:
+        program = Program(check_live(f"live:ring:{NAME}", Config()))
+        writer = ring.Writer(segment_of(NAME))  # in another language, which checks nothing
+        for wrong in (False, True):
+            record = writer.begin()
+            record["step_px"], record["positions"] = 0.5, np.nan
+            record["maps"] = 3
+            if wrong:
+                record[name] = value
+            del record
+            writer.publish(1, 77 + wrong, 77)
+            found = program.found(stamp_of(Frame(1, 77 + wrong, 77)), [(0, 0)])
+            assert (found is None) == wrong
+        writer.close()
+        program.close()
+    assert scene.name == NAME
+
+
+def test_program_that_comes_back_with_other_views_is_not_read() -> None:
+    with lfpipe.LiveScene(NAME, rows=1, cols=2, size_px=(64, 48)):
+        live = check_live(f"live:ring:{NAME}", Config())
+    disparity = np.zeros((1, 2, 30, 40))
+    with lfpipe.LiveScene(NAME, rows=1, cols=2, size_px=(80, 60)) as scene:
+        program = Program(live)
+        scene.write(np.zeros((1, 2, 60, 80, 3), np.uint8), disparity, t_ns=7)
+        assert program.found(stamp_of(Frame(1, 7, 7)), [(0, 0)]) is None
 
 
 def test_live_scene_names_a_value_and_its_remedy() -> None:

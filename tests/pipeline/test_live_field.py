@@ -80,7 +80,7 @@ def test_session_keeps_the_last_picture_of_a_program_and_finds_it_again(
         return program
 
     program = started()
-    world.shows(Path(f"live:ring:{name}"), pictures=30)
+    session = world.shows(Path(f"live:ring:{name}"), pictures=30)
     program.kill()
     program.wait()
     world.more_pictures(60)  # the viewer still moves in front of the last frame
@@ -91,7 +91,21 @@ def test_session_keeps_the_last_picture_of_a_program_and_finds_it_again(
     program.terminate()
     program.wait()
     world.ctl("stop")
+    said = world.ended(session)
+    assert "its program has ended; camera lost, trying again" in said
+    assert f"ring:{name} is back after" in said
     remove_left(name)
+
+
+@pytest.mark.live
+def test_views_of_different_scenes_are_reported(world: World, tmp_path: Path) -> None:
+    frame = made.frame_of(rendered.field(1, 2, 240, 320, scale=2.0))
+    frame[:, 320:] = frame[::-1, 639:319:-1].copy()
+    clip = write_film(tmp_path / "views.avi", [frame] * 30)
+    process = world.shows(Path(f"live:file:{clip}"), pictures=30)
+    world.wait_for(lambda: world.monitor()["stages"]["disparity"]["count"] > 60, "disparity")
+    world.ctl("stop")
+    assert "the views do not show one scene" in world.ended(process)
 
 
 @pytest.mark.live
