@@ -1,10 +1,12 @@
-"""The pictures of README and docs/: look_around.gif, monitor.svg, page.png, window.png and
-timeline.svg; and the window's thumbnails of the demo's scenes.
+"""The pictures of README and docs/: look_around.gif, live.webp, monitor.svg, page.png, window.png
+and timeline.svg; and the window's thumbnails of the demo's scenes.
 
     uv run python -m tools.make_docs_pictures [--out docs] [NAME ...]
 
 animation: left the red/cyan picture of the demo's scene, right what both eyes fuse it to; below,
 the head moves.
+live: a moving scene, whose two views and disparity are those of a session, through the red and
+through the cyan filter, from two places of the head.
 monitor: the terminal and the page (which needs chromium and chromedriver) of a running demo.
 window: under Xvfb (with xdotool): thumbnails (key Tab), a change and a pause (keys m, p), the
 glasses test (key g), side by side; and the pictures of three camera frames from its trace.
@@ -21,7 +23,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,12 +35,18 @@ from PIL import Image, ImageDraw
 from rich.console import Console
 
 import lfpipe
-from lfpipe.config import Scene
+from lfpipe.config import LiveSource, Scene
+from lfpipe.live.estimator import Estimator
+from lfpipe.live.field import LiveViews
+from lfpipe.live.records import disparity_dtype, pairs_in_need, views_of
 from lfpipe.monitor.monitor import screen_text
 from lfpipe.monitor.session_reader import Follower
 from lfpipe.render.ui.scenes import THUMBNAILS
 from lfpipe.scene.cache import cache_dir
-from lfpipe.scene.demo import NAMES, demo_scene
+from lfpipe.scene.demo import NAMES, SIZE_PX, demo_scene
+from lfpipe.scene.demo_drawing import draw_view
+from lfpipe.scene.demo_scenes import moving_solids
+from lfpipe.transport.clock import MS_NS
 from tests.support.browser import Browser, missing
 from tests.support.world import World, private_world
 from tests.support.xvfb_screen import Screen, x_server
@@ -48,6 +56,11 @@ FRAMES, STEP_MS = 20, 100
 # width of a panel, height of the floor with the head: together small enough for under 1 MB
 PANEL_PX, FLOOR_PX = 300, 64
 COLOURS = 80  # of the palette: more are not seen in a picture of this size
+# of the live scene: frames, seconds from its first to its last moment, columns of the demo's grid
+# that its two cameras stand at, and columns of both eyes, from the first camera to the second
+LIVE_FRAMES, LIVE_S, LIVE_COLS, LIVE_QUALITY, LABEL_PX = 30, 3.0, (-1.0, 1.0), 50, 22
+HEADS = {"left": (-0.5, 0.1), "right": (0.9, 1.5)}
+FILTERS = {"red": (0, 0, 1), "cyan": (1, 1, 0)}  # channels that pass, BGR
 INK = (87, 96, 106)
 FLOOR = (246, 248, 250)
 SKIN = (241, 212, 184)
@@ -118,6 +131,47 @@ def animation(out: Path) -> None:
     path = out / "look_around.gif"
     pictures[0].save(
         path, save_all=True, append_images=pictures[1:], duration=STEP_MS, loop=0, optimize=True
+    )
+
+
+def live_frames(phases: Sequence[float]) -> Iterator[Image.Image]:
+    """Pictures of a moving scene. phases: 0 to 1, from its first moment to its last one and back;
+    in order, because disparity starts from the frame before.
+    """
+    source = LiveSource(
+        source="demo", rows=1, cols=2, tiles_across=2, frame_px=(2 * SIZE_PX, SIZE_PX)
+    )
+    estimator, views = Estimator(source, aligns=False), LiveViews(source, "demo")
+    pair = pairs_in_need(source, [(0.0, 0.5)])
+    for number, phase in enumerate(phases):
+        t_s = LIVE_S * (0.5 - 0.5 * math.cos(2 * math.pi * phase))
+        taken = np.hstack([draw_view(moving_solids(t_s), col, 0.0)[0] for col in LIVE_COLS])
+        picture = np.ascontiguousarray(taken[..., ::-1])
+        found = estimator.estimate(picture, pair)
+        record = found.write(np.zeros((), disparity_dtype(source)))
+        field = views.show(picture, views_of(pair), record, number * STEP_MS * MS_NS)
+        canvas = Image.new("RGB", (2 * PANEL_PX + 12, 2 * (PANEL_PX + LABEL_PX)), FLOOR)
+        draw = ImageDraw.Draw(canvas)
+        for k, (head, cols) in enumerate(HEADS.items()):
+            shown = lfpipe.render_anaglyph(field, *((0.0, col) for col in cols))
+            for eye, (glass, seen) in enumerate(FILTERS.items()):
+                place = eye * (PANEL_PX + 12), k * (PANEL_PX + LABEL_PX)
+                canvas.paste(panel(shown * np.array(seen, np.uint8)), place)
+                text = f"head on the {head}, through the {glass} filter"
+                draw.text((place[0] + 6, place[1] + PANEL_PX + 5), text, fill=INK)
+        yield canvas
+
+
+def live(out: Path) -> None:
+    pictures = list(live_frames([index / LIVE_FRAMES for index in range(LIVE_FRAMES)]))
+    pictures[0].save(
+        out / "live.webp",
+        save_all=True,
+        append_images=pictures[1:],
+        duration=STEP_MS,
+        loop=0,
+        quality=LIVE_QUALITY,
+        method=6,
     )
 
 
@@ -291,6 +345,7 @@ def main() -> None:
     options = parser.parse_args()
     makers = {
         "animation": animation,
+        "live": live,
         "monitor": monitor,
         "window": window,
         "thumbnails": thumbnails,

@@ -4,7 +4,7 @@ disparity, and may draw the views of both eyes alone, for where they are predict
 """
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache, partial
 
 import cv2
@@ -16,9 +16,9 @@ from lfpipe.bench.results import Value, mean_of
 from lfpipe.bench.runner import Offer, Prepared, Variant, cpu_ms
 from lfpipe.bench.synthesis import scaled_up
 from lfpipe.config import LiveSource
-from lfpipe.live.estimator import Estimator
+from lfpipe.live.estimator import Estimator, Found
 from lfpipe.live.field import LiveViews
-from lfpipe.live.records import Pair, disparity_dtype
+from lfpipe.live.records import Pair, disparity_dtype, views_of
 from lfpipe.render.synthesis.compositor import ViewRenderer
 from lfpipe.render.synthesis.scoring import psnr_db
 from lfpipe.scene.demo import SIZE_PX
@@ -112,7 +112,7 @@ class _Drawing:
     def draw(self, frame: Frame, number: int) -> list[NDArray[np.float32]]:
         """The pictures of both eyes, float32 (height, width, 3) BGR, as large as the demo."""
         t_ns = round(number * 1e9 / RATE_HZ)
-        views = [view for pair in PAIR for view in pair]
+        views = views_of(PAIR)
         field = self._views.show(frame, views, self._record(frame, number), t_ns)
         # each eye has a renderer of its own, as a program may have drawn its view
         renderers = [ViewRenderer(field, self._method, eye=eye) for eye in (0, 1)]
@@ -132,49 +132,32 @@ class _Drawing:
 def _recorders(live: LiveSource) -> dict[str, Record]:
     estimator = Estimator(live, aligns=False)
 
+    def written(found: Found) -> NDArray[np.void]:
+        return found.write(np.zeros((), disparity_dtype(live)))
+
     def none(_frame: Frame, _number: int) -> NDArray[np.void]:
-        record = np.zeros((), disparity_dtype(live))
-        record["align"] = np.eye(2, 3)
-        record["positions"] = np.nan
-        return record
+        return written(Found({}, 0.0, (0.0, 0.0)))
+
+    def of(maps: Iterable[NDArray[np.float32]], positions: NDArray[np.float64]) -> NDArray[np.void]:
+        both = dict(zip(views_of(PAIR), maps, strict=True))
+        low, high = (float(limit(list(both.values()))) for limit in (np.nanmin, np.nanmax))
+        step_px = scale_for(low, high)
+        steps = {view: quantised(disparity, step_px) for view, disparity in both.items()}
+        return written(Found(steps, step_px, (low, high), positions))
 
     def known(_frame: Frame, number: int, name: str) -> NDArray[np.void]:
-        record = none(_frame, number)
         maps = [_exact_map(number, u, live.width_px) for u in _columns(name)]
-        low, high = float(np.min(maps)), float(np.max(maps))
-        record["scale_px"] = scale_for(low, high)
-        record["low_px"], record["high_px"] = low, high
-        for k, disparity in enumerate(maps):
-            record["views"][k] = 0, k
-            record["maps"][k] = quantised(disparity, float(record["scale_px"]))
-        record["count"] = 2
-        if name == PROGRAM_EYES:
-            record["positions"] = [(0.0, eye + MOVED_VIEWS) for eye in EYES]
-        return record
+        positions = [(0.0, eye + MOVED_VIEWS) for eye in EYES] if name == PROGRAM_EYES else np.nan
+        return of(maps, np.full((2, 2), positions))
 
-    def flow(frame: Frame, number: int, coarse: bool) -> NDArray[np.void]:
-        record = none(frame, number)
-        found = estimator.estimate(frame, PAIR, coarse)
-        record["scale_px"] = found.step_px
-        record["low_px"], record["high_px"] = found.range_px
-        for k, (view, disparity) in enumerate(found.maps.items()):
-            record["views"][k], record["maps"][k] = view, disparity
-        record["count"] = len(found.maps)
-        return record
+    def flow(frame: Frame, _number: int, coarse: bool) -> NDArray[np.void]:
+        return written(estimator.estimate(frame, PAIR, coarse))
 
-    def packer(frame: Frame, number: int) -> NDArray[np.void]:
-        record = none(frame, number)
+    def packer(frame: Frame, _number: int) -> NDArray[np.void]:
         views = np.stack(np.hsplit(frame[..., ::-1], 2)).transpose(0, 3, 1, 2)[None]
         maps = estimate_disparity(np.ascontiguousarray(views))
         assert maps is not None
-        low, high = float(np.nanmin(maps)), float(np.nanmax(maps))
-        record["scale_px"] = scale_for(low, high)
-        record["low_px"], record["high_px"] = low, high
-        for k in (0, 1):
-            record["views"][k] = 0, k
-            record["maps"][k] = quantised(maps[0, k], float(record["scale_px"]))
-        record["count"] = 2
-        return record
+        return of(maps[0], np.full((2, 2), np.nan))
 
     return {
         "nearest view": none,

@@ -36,6 +36,7 @@ BEHIND_PX, BEHIND_FRAMES = -2.0, 30
 RANGE_PERCENT = (1.0, 99.0)  # of the disparities that count as farthest and nearest
 STEPS_PX = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)  # of stored disparity, which has 8 bits
 SMALLER_STEP = 0.7  # share of a smaller step's range that must suffice before it is used
+UNTURNED = np.eye(2, 3, dtype=np.float32)
 
 
 @attrs.frozen
@@ -58,6 +59,24 @@ class Found:
         sample = np.concatenate([one[::4, ::4].ravel() for one in maps.values()])
         low, high = (np.percentile(sample, RANGE_PERCENT) * step_px).tolist()
         return cls(maps, step_px, (low, high), positions)
+
+    def write(
+        self,
+        record: NDArray[np.void],
+        align: NDArray[np.float32] = UNTURNED,
+        swapped: bool = False,
+    ) -> NDArray[np.void]:
+        """Fills a record of disparity; returns it."""
+        record["count"] = len(self.maps)
+        record["scale_px"] = self.step_px
+        record["low_px"], record["high_px"] = self.range_px
+        record["positions"] = self.positions
+        record["align"] = align
+        record["swapped"] = swapped
+        for k, (view, disparity) in enumerate(self.maps.items()):
+            record["views"][k] = view
+            record["maps"][k] = disparity
+        return record
 
 
 class _PairState:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.live.depth_picture import DepthPicture
-from lfpipe.live.estimator import Estimator, Found
+from lfpipe.live.estimator import UNTURNED, Estimator, Found
 from lfpipe.live.program import Program
 from lfpipe.live.records import VIEWPOINTS, Pair, pairs_in_need, views_of
 from lfpipe.live.shared_scene import RING, two_cameras
@@ -99,17 +99,12 @@ class DisparityStage:
         return pairs_in_need(self._live, [self._at["left"].tolist(), self._at["right"].tolist()])
 
     def _publish(self, stamp: Stamp, found: Found) -> None:
-        record = self._output.begin()
-        record["count"] = len(found.maps)
-        record["scale_px"] = found.step_px
-        record["low_px"], record["high_px"] = found.range_px
-        record["positions"] = found.positions
-        record["swapped"] = (self._depth or self._estimator).swapped
         aligned = self._estimator.alignment
-        record["align"] = np.eye(2, 3) if aligned is None else aligned.matrix
-        for k, (view, disparity) in enumerate(found.maps.items()):
-            record["views"][k] = view
-            record["maps"][k] = disparity
+        found.write(
+            self._output.begin(),
+            UNTURNED if aligned is None else aligned.matrix,
+            (self._depth or self._estimator).swapped,
+        )
         self._output.publish(
             stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind
         )

@@ -84,13 +84,7 @@ def test_depth_of_a_frame_gives_the_views_of_both_eyes(
     # the hue of a JPEG varies by a twentieth of its range
     assert np.median(error_px) < (0.1 if stored is as_grey else 0.07 * SPAN * WIDTH)
     assert np.mean(error_px > 0.1 * SPAN * WIDTH) < 0.05
-    record = np.zeros((), disparity_dtype(live))
-    record["count"], record["scale_px"] = 2, found.step_px
-    record["low_px"], record["high_px"] = found.range_px
-    record["align"], record["positions"] = np.eye(2, 3), found.positions
-    record["swapped"] = picture.swapped
-    for k, (place, disparity) in enumerate(found.maps.items()):
-        record["views"][k], record["maps"][k] = place, disparity
+    record = found.write(np.zeros((), disparity_dtype(live)), swapped=picture.swapped)
     shown = LiveViews(live, "demo").show(frame, [(0, 0), (0, 1)], record, 0)
     for eye, col in enumerate((0.1, 0.9)):
         drawn = ViewRenderer(shown, "warp2", eye=eye).render(0, col)

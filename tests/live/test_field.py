@@ -29,12 +29,8 @@ def record_of(
 ) -> NDArray[np.void]:
     """The record of a frame, as the disparity stage writes it."""
     found = Estimator(live, aligns=False).estimate(frame, pairs_in_need(live, MIDDLE))
-    record = np.zeros((), disparity_dtype(live))
-    record["count"], record["scale_px"] = len(found.maps), scale_px or found.step_px
-    record["low_px"], record["high_px"] = found.range_px
-    record["align"] = np.eye(2, 3)
-    for k, (view, disparity) in enumerate(found.maps.items()):
-        record["views"][k], record["maps"][k] = view, disparity
+    record = found.write(np.zeros((), disparity_dtype(live)))
+    record["scale_px"] = scale_px or found.step_px
     return record
 
 
