@@ -59,6 +59,7 @@ def check_live(text: str, config: Config) -> LiveSource:
         cols=cols,
         tiles_across=across,
         frame_px=frame_px,
+        jpeg=info.jpeg and info.size_px == frame_px,
         depth=own.get("layout") == DEPTH and not isinstance(kind, RingKind | RowKind),
     )
     down = rows * cols // across

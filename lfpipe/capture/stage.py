@@ -275,7 +275,7 @@ class CaptureStage:
 
 def main(context: Context) -> None:
     """Runs the stage until it is stopped or the source ends."""
-    packets = PacketOutput(context.spec.session)
+    packets = PacketOutput(context.spec.session, "packets")
     camera = camera_settings(context.config)
     source, live = context.options.viewer.source, context.options.live
     views = RecordedViews(context, live) if live is not None and live.recorded else None

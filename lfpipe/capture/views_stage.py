@@ -1,20 +1,21 @@
 """Views: frames with all views of a live light field, into the ring of views.
 
 Reads: the source in option "live".
-Writes: ring "views", one slot per frame, decoded in place.
+Writes: ring "views", one slot per frame, decoded in place; while a recording runs, the ring of
+option "jpeg_views" with the original JPEGs.
 Commands and messages: those of `lfpipe.capture.stage`, which does the work.
 """
 
 from lfpipe.capture.live_source import live_camera
 from lfpipe.capture.stage import CaptureStage, run
 from lfpipe.transport.context import Context
+from lfpipe.transport.packet_ring import PacketOutput
 
 
 def main(context: Context) -> None:
     """Runs the stage until it is stopped or the source ends."""
     live = context.options.live
     assert live is not None
-    run(
-        CaptureStage(context, live.source, live_camera(context.config, live.frame_px), "views"),
-        context,
-    )
+    camera = live_camera(context.config, live.frame_px)
+    packets = PacketOutput(context.spec.session, "jpeg_views")
+    run(CaptureStage(context, live.source, camera, "views", packets), context)

@@ -104,6 +104,8 @@ class LiveSource:
     depth: bool = False
     # of two cameras, measured by `lfpipe calibrate`
     placement: Placement | None = None
+    # whether a frame comes as a JPEG
+    jpeg: bool = False
     # whether source is the folder of a recording, played with that of the viewer
     recorded: bool = False
 
@@ -177,6 +179,7 @@ class SessionOptions:
     # names of rings that exist only on demand
     pictures: str = ""
     packets: str = ""
+    jpeg_views: str = ""
     # the scene, if it is captured now
     live: LiveSource | None = None
     # what stages of other packages work on, by the name of the stage

@@ -2,7 +2,7 @@
 
 Reads: ring "frames", every slot in order; the ring of option "packets", the source's JPEGs if it
 delivers them; of a session of the mouse, ring "eyes" in place of frames; of a live scene, ring
-"views".
+"views" and that of option "jpeg_views".
 Writes: the sequence in the folder of option "record", and the one of a live scene in a folder of
 it; they end when the option changes.
 Commands: stop. Asks: record (to end the recording, if writing fails).
@@ -22,7 +22,6 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.config import LiveSource
 from lfpipe.config.modes import MouseViewer, RecordedEyes
 from lfpipe.errors import UserError, redacted
 from lfpipe.eyes import EYES
@@ -65,46 +64,39 @@ class FramesInOrder(Protocol):
 
 
 class FrameReader:
-    """Reads the frames in order, as the source's own JPEGs if it delivers them, or the eyes in
-    place of frames. size_px: of the stored frames.
+    """Reads the frames of a ring in order, as the source's own JPEGs if it delivers them. size_px:
+    of the stored frames.
     """
 
-    def __init__(self, context: Context) -> None:
-        options = context.options
+    def __init__(
+        self,
+        context: Context,
+        name: str,
+        frame_px: tuple[int, int],
+        packets: str,
+        jpeg_px: tuple[int, int] | None,
+    ) -> None:
+        """name: of the ring. packets: of that of the JPEGs; "" without one."""
         self._row = context.row
-        self._frames = context.input("frames")
-        self._eyes = context.input("eyes")
-        self._record = np.empty((), EYES)
-        self._eyes_only = isinstance(options.viewer, MouseViewer | RecordedEyes)
-        self._ring_px = self.size_px = context.config.camera.frame_px
+        self._frames = context.input(name)
+        self._ring_px = self.size_px = frame_px
         self._packets: PacketInput | None = None
         self._begun = True
-        if options.packets and not self._eyes_only:
+        if packets:
             with contextlib.suppress(FileNotFoundError):  # stopped before it began
-                self._packets = PacketInput(context.spec.session, options.packets)
-                self.size_px = options.viewer.jpeg_px or (0, 0)
+                self._packets = PacketInput(context.spec.session, packets)
+                self.size_px = jpeg_px or (0, 0)
 
     def skip(self) -> None:
         """Skips frames published until now without counting them as lost.
 
         Frames before the first JPEG are skipped as well.
         """
-        (self._eyes if self._eyes_only else self._frames).skip()
+        self._frames.skip()
         self._begun = False
 
     def take(self) -> Frame | None:
-        """The next frame, as a JPEG or a picture, or the next eyes as a line of JSON; None if there
-        is none.
-        """
-        if self._eyes_only:
-            self._frames.skip()
-            stamp = self._eyes.take(self._record, in_order=True)
-            return (
-                None
-                if stamp is None
-                else (stamp, "eyes", eyes_line(self._record, source_seq=stamp.source_seq))
-            )
-        self._eyes.skip()
+        """The next frame, as a JPEG or a picture; None if there is none."""
         while (peeked := self._frames.peek(in_order=True)) is not None:
             stamp, slot = peeked
             packet = self._packets.of(stamp) if self._packets else None
@@ -128,25 +120,24 @@ class FrameReader:
             self._packets.close()
 
 
-class ViewsReader:
-    """Reads the frames of a live light field in order. size_px: of a frame with all views."""
+class EyesReader:
+    """Reads the eyes that the mouse makes, in place of frames."""
 
-    def __init__(self, context: Context, live: LiveSource) -> None:
-        self._views = context.input("views")
-        self.size_px = live.frame_px
+    def __init__(self, context: Context) -> None:
+        self._eyes = context.input("eyes")
+        self._record = np.empty((), EYES)
+        self.size_px = context.config.camera.frame_px
 
     def skip(self) -> None:
-        """Skips frames published until now without counting them as lost."""
-        self._views.skip()
+        """Skips eyes published until now without counting them as lost."""
+        self._eyes.skip()
 
     def take(self) -> Frame | None:
-        """The next frame as a picture; None if there is none."""
-        while (peeked := self._views.peek(in_order=True)) is not None:
-            stamp, slot = peeked
-            picture = slot.copy()
-            if self._views.still_valid(stamp):
-                return stamp, "", picture
-        return None
+        """The next eyes as a line of JSON; None if there are none."""
+        stamp = self._eyes.take(self._record, in_order=True)
+        if stamp is None:
+            return None
+        return stamp, "eyes", eyes_line(self._record, source_seq=stamp.source_seq)
 
     def close(self) -> None:
         """Nothing to do."""
@@ -276,17 +267,23 @@ class Recorder:
         camera = context.config.camera
         camera = attrs.evolve(camera, source=redacted(camera.source))
         config = attrs.asdict(attrs.evolve(context.config, camera=camera))
-        frames = FrameReader(context)
-        self._viewer = Stream(context, folder, frames, viewer.source, viewer.rate_hz, config=config)
+        if isinstance(viewer, MouseViewer | RecordedEyes):
+            reader: FramesInOrder = EyesReader(context)
+            self._unused = context.input("frames")
+        else:
+            reader = FrameReader(
+                context, "frames", camera.frame_px, options.packets, viewer.jpeg_px
+            )
+            self._unused = context.input("eyes")
+        self._viewer = Stream(context, folder, reader, viewer.source, viewer.rate_hz, config=config)
         self._streams = [self._viewer]
         live = options.live
         if live is not None and live.source.startswith(RING):
             context.notify(f"{live.source}: its program draws the views again: not recorded")
         elif live is not None:
-            views, grid = ViewsReader(context, live), about_grid(live)
-            self._streams.append(
-                Stream(context, folder / VIEWS, views, live.source, camera.nominal_hz, **grid)
-            )
+            px, hz, grid = live.frame_px, camera.nominal_hz, about_grid(live)
+            views = FrameReader(context, "views", px, options.jpeg_views, px)
+            self._streams.append(Stream(context, folder / VIEWS, views, live.source, hz, **grid))
         self._lost_before = int(context.row["drops"]) if self._viewer.anew else 0
         for stream in self._streams:
             if stream.anew:
@@ -301,6 +298,7 @@ class Recorder:
 
     def take(self) -> None:
         """Passes new frames to the stores while they have space."""
+        self._unused.skip()
         for stream in self._streams:
             stream.take()
 

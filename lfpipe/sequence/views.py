@@ -7,6 +7,7 @@ from typing import Any
 
 from lfpipe.config import LiveSource
 from lfpipe.errors import UserError
+from lfpipe.files.safe_files import check_links
 from lfpipe.files.untrusted import Fields
 from lfpipe.sequence.folder import MANIFEST, VIEWS, Sequence, is_sequence, open_sequence
 from lfpipe.sequence.packets import COPY
@@ -25,6 +26,7 @@ def open_views(recording: Path, verify: bool = True) -> tuple[Sequence, LiveSour
     Raises UserError as `open_sequence`, and for a wrong grid.
     """
     folder = recording / VIEWS
+    check_links(recording, [f"{VIEWS}/{MANIFEST}"])
     if not is_sequence(folder):
         return None
     sequence = open_sequence(folder, verify)

@@ -127,14 +127,14 @@ def picture_ring(height_px: int, width_px: int) -> RingSpec:
     return RingSpec((height_px, width_px, 3), np.dtype("u1"), slots=3)
 
 
-def packet_ring(config: Config, jpeg_px: Sequence[int]) -> RingSpec:
-    """The ring of a source's JPEGs, (width, height) jpeg_px. A slot fits any JPEG that is no larger
-    than its decoded picture.
+def packet_ring(frames: RingSpec, jpeg_px: Sequence[int]) -> RingSpec:
+    """The ring of a source's JPEGs, (width, height) jpeg_px, beside its frames. A slot fits any
+    JPEG that is no larger than its decoded picture.
 
     A packet is kept longer than the frame decoded from it, because that frame is published later.
     """
     width_px, height_px = jpeg_px
-    return RingSpec((), packet_dtype(width_px * height_px * 3), slots=_frame_ring(config).slots + 2)
+    return RingSpec((), packet_dtype(width_px * height_px * 3), slots=frames.slots + 2)
 
 
 def consumers() -> dict[str, list[str]]:

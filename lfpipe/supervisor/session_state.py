@@ -24,6 +24,7 @@ from lfpipe.config.modes import Lossless, Viewer, watching
 from lfpipe.config.quality import first_level, quality_levels
 from lfpipe.live.records import live_rings
 from lfpipe.supervisor.process_table import ON_DEMAND, asked_for, packet_ring, picture_ring
+from lfpipe.supervisor.process_table import rings as session_rings
 from lfpipe.transport.control import Message
 from lfpipe.transport.ring import RingSpec
 
@@ -119,13 +120,16 @@ class SessionState:
     def rings(self) -> dict[str, RingSpec]:
         """The on-demand rings that this state needs, by name."""
         rings = {name: ON_DEMAND[name] for name in self.options.asked_for}
-        if self.options.live is not None:
-            rings |= live_rings(self.options.live)
+        if (live := self.options.live) is not None:
+            rings |= live_rings(live)
+            if self.options.jpeg_views:
+                rings[self.options.jpeg_views] = packet_ring(rings["views"], live.frame_px)
         if self.options.pictures:
             rings[self.options.pictures] = picture_ring(*self.pictures_px)
         jpeg_px = self.options.viewer.jpeg_px
         if self.options.packets and jpeg_px:
-            rings[self.options.packets] = packet_ring(self.config, jpeg_px)
+            frames = session_rings(self.config)["frames"]
+            rings[self.options.packets] = packet_ring(frames, jpeg_px)
         return rings
 
     # Changes. Each returns a new state with a new revision.
@@ -226,8 +230,14 @@ class SessionState:
         """With the rings that stages request, and that of JPEGs if a JPEG source is recorded."""
         if (wanted := asked_for(self.options)) != self.options.asked_for:
             return self._with(asked_for=wanted)._with_rings()
-        records_jpegs = bool(self.options.record and self.options.viewer.jpeg_px)
-        if records_jpegs == bool(self.options.packets):
-            return self
-        name = new_ring("packets") if records_jpegs else ""
-        return self._with(packets=name)
+        options = self.options
+        jpegs = {
+            "packets": bool(options.viewer.jpeg_px),
+            "jpeg_views": options.live is not None and options.live.jpeg,
+        }
+        changes = {
+            name: new_ring("packets") if jpeg and options.record else ""
+            for name, jpeg in jpegs.items()
+            if (jpeg and bool(options.record)) != bool(getattr(options, name))
+        }
+        return self._with(**changes) if changes else self

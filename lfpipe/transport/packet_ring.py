@@ -1,5 +1,5 @@
-"""The ring "packets": the original JPEGs of frames, from capture to the recorder. It exists only
-while a recording runs.
+"""The rings of original JPEGs of frames, from capture to the recorder. They exist only while a
+recording runs.
 
 A slot contains one packet of variable length and the frame's stamps. (epoch, source_seq) identify
 the frame decoded from it. The packet is published before the frame.
@@ -25,19 +25,21 @@ def packet_dtype(most_bytes: int) -> np.dtype[Any]:
 
 
 class PacketOutput:
-    """The writing end; the session's options determine the ring, if any."""
+    """The writing end; an option of the session names the ring, if there is any."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: Session, option: str) -> None:
         self._session = session
+        self._option = option
         self._name = ""
         self._ring: ring.Writer | None = None
 
     def set_options(self, options: SessionOptions) -> None:
         """Opens and closes the ring as options require; cheap if nothing changes."""
-        if options.packets == self._name:
+        name = getattr(options, self._option)
+        if name == self._name:
             return
         self.close()
-        self._name = options.packets
+        self._name = name
         if self._name:
             with contextlib.suppress(FileNotFoundError):  # removed before use
                 self._ring = ring.Writer(self._session.segment(self._name))

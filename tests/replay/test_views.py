@@ -36,6 +36,7 @@ def test_both_streams_of_a_session_are_replayed_to_the_same_bits(world: World, s
     world.ctl("stop")
     opened = open_views(out)
     assert opened is not None and opened[0].complete
+    assert opened[0].codecs == {"jpeg"}, "as in the clip"
     reports = []
     for number, pace in enumerate(("step", "max")):
         to = world.root / f"out{number}"

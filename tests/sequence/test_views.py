@@ -91,6 +91,13 @@ def test_any_grid_divides_the_frame_or_is_refused(
     assert tiles == (live.frame_px[0], live.frame_px[1] * live.tiles_across)
 
 
+def test_views_that_are_a_link_out_of_the_recording_are_refused(both: Path, tmp_path: Path) -> None:
+    (tmp_path / "linked").mkdir()
+    (tmp_path / "linked" / VIEWS).symlink_to(both / VIEWS)
+    with pytest.raises(UserError, match="link"):
+        open_views(tmp_path / "linked")
+
+
 def test_a_recording_without_a_frame_is_removed_with_its_views(both: Path) -> None:
     for folder in (both, both / VIEWS):
         for name in (PACKETS, "frames.jsonl"):

@@ -36,7 +36,7 @@ def ends() -> Iterator[tuple[Session, PacketOutput, PacketInput]]:
     session = Session(f"t{secrets.token_hex(4)}").with_token()
     spec = RingSpec((), packet_dtype(MAX_BYTES), SLOTS)
     rings = [ring.create(session.segment(f"packets.{number}"), spec) for number in (1, 2)]
-    output, taken = PacketOutput(session), PacketInput(session, "packets.1")
+    output, taken = PacketOutput(session, "packets"), PacketInput(session, "packets.1")
     yield session, output, taken
     output.close()
     taken.close()
