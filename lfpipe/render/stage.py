@@ -429,7 +429,7 @@ class RenderStage:
             self._live = None
             self._field = open_pack(Path(options.pack), invert_depth)
             logger.info("scene %s%s", options.pack, "" if options.complete else ", views only")
-        elif turned:
+        elif turned and self._live is None:  # the depth of a live scene is turned where it is read
             self._field = shown_as(self._field, invert_depth)
         self._keep_choice()
         show = self._viewer.complete if completed else self._viewer.set
@@ -442,9 +442,11 @@ class RenderStage:
             gc.freeze()
 
     def _keep_choice(self) -> None:
-        """Stores the depth order that the user chose; a replay only applies it."""
+        """Stores the depth order that the user chose, of a scene that is not live; a replay only
+        applies it.
+        """
         word = self._context.config.scene.invert_depth
-        if word != "auto" and not self._lossless:
+        if word != "auto" and not self._lossless and self._live is None:
             self._context.request("keep", depth=word)
 
     def _after_picture(self) -> None:
