@@ -245,6 +245,7 @@ class CameraSource:
         """Takes over exposure, gain and white balance of another camera, as far as both have
         them.
         """
+        first._controls.leads = True
         self._controls.leader = first._controls
 
     def _no_signal(self) -> UserError:

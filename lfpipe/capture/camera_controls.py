@@ -78,8 +78,9 @@ class CameraControls(threading.Thread):
 
     notes: for the user, by key, complete once `applied` is set. exposure_ns: as the camera reports
     it, None if it does not.
-    signal: False if nothing is connected to the device's input. values: of the controls in FOLLOWED
-    that the device has. leader: of the camera whose values this one takes over, if any.
+    signal: False if nothing is connected to the device's input. leads: whether another camera
+    takes over its values, of the controls in FOLLOWED that it has. leader: the one whose values
+    this one takes over, if any.
     """
 
     def __init__(self, device: V4L2Device, camera: config.Camera) -> None:
@@ -88,6 +89,7 @@ class CameraControls(threading.Thread):
         self._device = device
         self._camera = camera
         self._before: dict[int, int] = {}
+        self.leads = False
         self.values: dict[int, int] = {}
         self.leader: CameraControls | None = None
         self._ending = threading.Event()
@@ -103,7 +105,8 @@ class CameraControls(threading.Thread):
             while True:
                 self.exposure_ns = self._asked("", self._exposure_ns)
                 self.signal = self._device.signal
-                self.values = self._asked("", self._followed_values) or {}
+                if self.leads:
+                    self.values = self._asked("", self._followed_values) or {}
                 if self.leader is not None:
                     for control, value in self.leader.values.items():
                         self._asked("", self._follow, control, value)
