@@ -69,7 +69,9 @@ def first_chart(benchmark: Benchmark, rows: list[Row]) -> str:
         for row in rows:
             steps = [other.value(y) - row.value(y) for other in rows if other is not row]
             is_above = min(steps, key=abs, default=0.0) <= 0  # away from its neighbour
-            colour = DEFAULT if row.used else PAPER if row.paper else OTHER
+            colour = next(
+                (one for one, it_is in ((DEFAULT, row.used), (PAPER, row.paper)) if it_is), OTHER
+            )
             _points(axes, [row], x, y, colour, "o", "")
             axes.annotate(
                 "default: " * row.used + "paper: " * row.paper + row.name,
