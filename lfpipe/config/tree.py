@@ -217,6 +217,13 @@ class Render:
     method: Method = key(
         "auto", live=True, doc="synthesis of views between the stored ones; nearest is the paper's"
     )
+    device: Literal["auto", "cpu", "gpu"] = key(
+        "auto",
+        doc=(
+            "what draws warped pictures; gpu needs the extra gpu; auto: a GPU that is hardware,"
+            " except in a replay, whose pictures are the same everywhere"
+        ),
+    )
     alpha_px: float | Literal["auto"] = key(
         "auto",
         "px",

@@ -13,6 +13,8 @@ import shutil
 import sys
 import zipfile
 from collections.abc import Callable, Collection
+from concurrent.futures import ThreadPoolExecutor
+from importlib.util import find_spec
 from pathlib import Path
 
 import attrs
@@ -27,7 +29,7 @@ from lfpipe.files.output import MARK, check_output, write_output
 from lfpipe.files.safe_files import PRIVATE
 from lfpipe.host import segment
 from lfpipe.host.files import is_missing
-from lfpipe.host.machine import install_command, versions
+from lfpipe.host.machine import has_gpu, install_command, versions
 from lfpipe.host.processes import usable_cores
 from lfpipe.plugins import (
     COMMANDS,
@@ -45,6 +47,7 @@ from lfpipe.plugins import (
 )
 from lfpipe.render.display.open_display import BUILT_IN as DISPLAY_NAMES
 from lfpipe.render.display.open_display import has_display
+from lfpipe.render.synthesis.gpu import open_gpu
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts import RESULTS, built_in
 from lfpipe.supervisor import rundir
@@ -198,6 +201,20 @@ def sdl() -> Check:
     return Check("display", True, f"SDL {version}, driver {driver}, {drawn_by(driver)}; {listed}")
 
 
+def gpu() -> Check:
+    """What draws the pictures of sessions."""
+    remedy = ""
+    try:
+        asked = config.load().render.device
+    except UserError:  # which `settings` shows
+        asked = "auto"
+    with ThreadPoolExecutor(1) as thread:
+        opened, words = open_gpu(asked, thread)
+    if opened is None and has_gpu() and not find_spec("moderngl"):
+        remedy = install_command("moderngl")
+    return Check("drawing", True, words, remedy)
+
+
 def settings() -> Check:
     """The user's own settings, which every command reads."""
     path = config.user_file()
@@ -287,6 +304,7 @@ def checks() -> list[Check]:
         face_networks(),
         litert(),
         sdl(),
+        gpu(),
         *camera_checks(config.load().camera.source if own.ok else "", cameras()),
         shared_memory(),
         leftovers(),

@@ -9,6 +9,7 @@ METRICS = MetricSet(
     Metric("resting", Kind.FLAG, "no refresh needs a picture, because nothing changes"),
     Metric("t_face_ns", Kind.STAMP, "last picture for a face, or the start of the stage"),
     Metric("viewer", Kind.STATE, "the viewer's presence", VIEWER_STATES),
+    Metric("gpu", Kind.FLAG, "a GPU draws warped pictures"),
     Metric("planned", Kind.COUNT, "refreshes of a screen that reports its vblanks"),
     Metric("juddered", Kind.COUNT, "of these, those with another picture than planned"),
     Metric("onset_ns", Kind.DURATION, "latency at the onset of a motion"),

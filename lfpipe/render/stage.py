@@ -57,6 +57,7 @@ from lfpipe.render.live_input import LiveInput
 from lfpipe.render.presentation import Listener
 from lfpipe.render.presenter import Presenter
 from lfpipe.render.synthesis.costs import measure_costs
+from lfpipe.render.synthesis.gpu import Gpu, open_gpu
 from lfpipe.render.ui.actions import ACTIONS
 from lfpipe.render.ui.controller import Ui
 from lfpipe.render.viewer.mouse_look import MouseLook
@@ -133,6 +134,7 @@ class RenderStage:
         on_frames = self._lossless or self._config.render.clock == "camera"
         self._on_camera = on_frames and options.viewer.tracked
         self._display = self._open_display()
+        self._gpu = self._open_gpu()
         with context.setting_up("opening the scene"):
             self._viewer = Viewer(
                 self._field,
@@ -190,20 +192,42 @@ class RenderStage:
 
         helpers = threads(len(cores) - 1, "rows") if len(cores) > 1 else None
         if self._lossless:
-            return Canvas(helpers=helpers, cores=len(cores))
+            return Canvas(helpers=helpers, cores=len(cores), gpu=self._gpu)
         self._preparer = threads(1, "prepare")
         return Canvas(
             shown_px=self._display.shown_px,
             helpers=helpers,
             cores=len(cores),
+            gpu=self._gpu,
             preparer=self._preparer,
         )
+
+    def _open_gpu(self) -> Gpu | None:
+        """The GPU, by the configuration; a replay has one only if asked to, because its pictures
+        are compared.
+        """
+        asked = self._config.render.device
+        thread = ThreadPoolExecutor(1, "gpu", run_on, (self._context.cores,))
+        gpu, words = open_gpu("cpu" if self._lossless and asked == "auto" else asked, thread)
+        logger.info("drawing by the %s", words)
+        if asked == "gpu" and gpu is None:
+            self._context.notify(f"render.device gpu: pictures are drawn by the {words}")
+        self._context.row["gpu"] = gpu is not None
+        return gpu
+
+    def _report_gpu(self) -> None:
+        if self._gpu is not None and self._gpu.failure:
+            self._context.notify(
+                f"the GPU draws no longer ({self._gpu.failure}); pictures are drawn by the CPU"
+            )
+            self._context.row["gpu"] = False
+            self._gpu = None
 
     def _measure_costs(self) -> None:
         """Begins to measure what pictures cost, beside the pictures."""
         if self._preparer is not None and self._asked.governor.quality == "auto":
             render = self._asked.render
-            self._costs = self._preparer.submit(measure_costs, self._field, render)
+            self._costs = self._preparer.submit(measure_costs, self._field, render, self._gpu)
 
     def _report_costs(self) -> None:
         if self._costs is None or not self._costs.done():
@@ -462,6 +486,7 @@ class RenderStage:
         if self._display.vblank_source:
             self._presenter.take_reports()
         self._report_costs()
+        self._report_gpu()
 
     def close(self) -> None:
         """Writes pending outputs and closes the display."""

@@ -32,6 +32,7 @@ def test_doctor_passes_on_this_machine() -> None:
     }
     details = {check.name: check.detail for check in checks}
     assert all(details.values())
+    assert re.match("[CG]PU", details["drawing"])
     assert re.search(
         r"litert runs face_landmark\.tflite \(mediapipe 0\.10\.\d+, sha256 \w+\)", details["litert"]
     )

@@ -174,3 +174,35 @@ def test_a_constant_changed_by_a_hair_is_caught_and_named(
             for path in (world.root / "out" / "difference").iterdir()
         }
         assert kinds == {"reference.png", "now.png", "difference.png"} and "PSNR" in first
+
+
+@pytest.mark.live
+def test_who_draws_changes_pictures_alone_and_a_lost_gpu_is_said(
+    world: World, short: Path, blocks: Path
+) -> None:
+    keys = ("render.method=warp2", "render.alpha_px=8", "render.zero_plane_px=0")
+    runs = {}
+    lost = _changed(
+        world.root,
+        "render/synthesis/gpu.py",
+        'self._gpu.context.error != "GL_NO_ERROR"',
+        "vars(self).update(n=vars(self).get('n', 0) + 1) or self.n > 30",  # pictures
+    )
+    for name, device in (("cpu", "cpu"), ("auto", "auto"), ("gpu", "gpu"), ("lost", "gpu")):
+        settings = [f"--set={key}" for key in (*keys, f"render.device={device}")]
+        if name == "lost":
+            world.env["PYTHONPATH"] = str(lost)
+        done = world.run("replay", short, "--scene", blocks, *settings, "--out", world.root / name)
+        assert done.returncode == 0, done.stdout + done.stderr
+        if "pictures are drawn by the CPU: " in done.stdout + done.stderr:
+            pytest.skip(done.stderr)
+        assert ("the GPU draws no longer" in done.stdout + done.stderr) == (name == "lost")
+        runs[name] = read_trace(world.root / name)
+    fields = ("source_seq", "face", "eyes_raw", "eyes_used", "view", "method")
+    seen = {name: [[line[key] for key in fields] for line in run] for name, run in runs.items()}
+    assert seen["cpu"] == seen["auto"] == seen["gpu"] == seen["lost"]
+    drawn = {name: [line["picture"] for line in run] for name, run in runs.items()}
+    assert drawn["cpu"] == drawn["auto"] != drawn["gpu"]
+    both = list(zip(drawn["lost"], drawn["gpu"], strict=True))
+    first = [one == other for one, other in both].index(False)
+    assert first > 0 and drawn["lost"][first:] == drawn["cpu"][first:]

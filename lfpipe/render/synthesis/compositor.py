@@ -1,7 +1,9 @@
 """From two viewpoints to one picture, and from one viewpoint to one camera's view."""
 
+import contextlib
 import math
 from concurrent.futures import Executor
+from functools import partial
 
 import attrs
 import numpy as np
@@ -15,13 +17,14 @@ from lfpipe.render.synthesis.anaglyph import (
     MATRICES,
     RED,
     Channel,
-    Mixer,
     Plane,
     Recipe,
     recipe,
 )
-from lfpipe.render.synthesis.blocks import split_rows, unaligned_array
+from lfpipe.render.synthesis.blocks import unaligned_array
 from lfpipe.render.synthesis.engine import Synthesiser
+from lfpipe.render.synthesis.gpu import Gpu, GpuLost, ShaderPainter
+from lfpipe.render.synthesis.painter import Painter, PlanePainter
 from lfpipe.render.synthesis.pair_layout import Pair, arrange_stereo_pair
 from lfpipe.render.synthesis.scene_views import SceneViews
 from lfpipe.render.synthesis.viewpoint import Position, extrapolation_views
@@ -92,7 +95,7 @@ class Compositor:
     warped for want of disparity. Starts with a few small tables; views are built when first shown.
     helpers: threads that draw warped pictures with the calling one, `threads` in all, each some
     rows. size_px: (width, height) of the pictures, of the light field's aspect and no larger; its
-    own for None.
+    own for None. gpu: draws warped pictures, until it fails.
     """
 
     def __init__(
@@ -102,6 +105,7 @@ class Compositor:
         helpers: Executor | None = None,
         threads: int = 1,
         size_px: tuple[int, int] | None = None,
+        gpu: Gpu | None = None,
     ) -> None:
         self.method = method_for(field, render.method)
         render = settings_for_scene(field, self.method, render)
@@ -111,21 +115,11 @@ class Compositor:
         """(width, height) of its pictures."""
         self._render = render
         self._views = views = SceneViews(field, self.size_px)
-        shape = views.height_px, views.width_px
-        mix = recipe_for(render)
-        self._mixer = Mixer(mix, shape)
-        self._planes = [np.empty(shape, np.uint8) for _ in mix.planes]
-        self._eyes = [
-            [k for k, plane in enumerate(mix.planes) if plane.eye == eye] for eye in (0, 1)
-        ]
-        self._sources = [views.source(plane) for plane in mix.planes]
-        # a cross-fade is limited by memory, not by the processor
-        parts = threads if helpers is not None and self.method in WARPS else 1
-        self._parts = [
-            Synthesiser(views, self.method, rows) for rows in split_rows(views.height_px, parts)
-        ]
-        self._helpers = helpers
-        self._picture = unaligned_array((*shape, 3))
+        self._make_plane_painter = partial(
+            PlanePainter, views, self.method, recipe_for(render), helpers, threads
+        )
+        self._painter = self._make_painter(gpu)
+        self._picture = unaligned_array((views.height_px, views.width_px, 3))
         self.pair: Pair | None = None
         """The views of the last picture, if it consists of two."""
         if render.anaglyph in TWO_VIEWS:
@@ -133,6 +127,13 @@ class Compositor:
         self._reach = extrapolation_views(self.method, render)
         self._last = (field.rows - 1, field.cols - 1)
         self._take_depth()
+
+    def _make_painter(self, gpu: Gpu | None) -> Painter:
+        """The GPU's if there is one and its shader draws the method, else the processor's."""
+        if gpu is not None and self.method in WARPS:
+            with contextlib.suppress(GpuLost):
+                return ShaderPainter(gpu, self._views, self.method, recipe_for(self._render))
+        return self._make_plane_painter()
 
     @property
     def field(self) -> LightField:
@@ -142,8 +143,7 @@ class Compositor:
     def replace(self, field: LightField) -> None:
         """Draws another light field of the same size, grid and method from now on."""
         self._views.replace(field)
-        for part in self._parts:
-            part.reset()
+        self._painter.reset()
         self._take_depth()
 
     def _take_depth(self) -> None:
@@ -192,47 +192,30 @@ class Compositor:
         """
         frame, left, right = key
         if self.pair is None:
-            self._mix(frame, left, right, self._picture)
+            self._paint(frame, (left, right), self._picture)
             return self._picture
         for position, whole in zip((left, right), self.pair, strict=True):
-            self._mix(frame, position, position, whole)
+            self._paint(frame, (position, position), whole)
         height, width = self._picture.shape[:2]
         return arrange_stereo_pair(self.pair, self._anaglyph, (width, height), out=self._picture)
 
     def prepare(self, left: Position, right: Position, frame: int = 0) -> None:
         """Builds, in the calling thread alone, what the picture for two viewpoints needs."""
         frame, left, right = self.key(left, right, frame)
-        for part in self._parts:
-            self._draw_rows(part, frame, left, right, self._picture)
+        self._paint(frame, (left, right), self._picture, alone=True)
 
-    def _mix(self, frame: int, left: Position, right: Position, out: NDArray[np.uint8]) -> None:
-        first, *others = self._parts
-        drawn = [
-            self._helpers.submit(self._draw_rows, part, frame, left, right, out)
-            for part in others
-            if self._helpers is not None
-        ]
-        self._draw_rows(first, frame, left, right, out)
-        for rows in drawn:
-            rows.result()
-
-    def _draw_rows(
+    def _paint(
         self,
-        part: Synthesiser,
         frame: int,
-        left: Position,
-        right: Position,
+        eyes: tuple[Position, Position],
         out: NDArray[np.uint8],
+        alone: bool = False,
     ) -> None:
-        planes = list(self._planes)
-        for eye, (of_eye, position) in enumerate(zip(self._eyes, (left, right), strict=True)):
-            if of_eye:
-                sources = [self._sources[k] for k in of_eye]
-                outs = [self._planes[k] for k in of_eye]
-                drawn = part.render(position, frame, self._zero_px, sources, outs, eye)
-                for k, plane in zip(of_eye, drawn, strict=True):
-                    planes[k] = plane
-        self._mixer.mix(planes, out, part.rows)
+        try:
+            self._painter.paint(frame, eyes, self._zero_px, out, alone)
+        except GpuLost:
+            self._painter = self._make_plane_painter()
+            self._painter.paint(frame, eyes, self._zero_px, out, alone)
 
 
 class ViewRenderer:

@@ -12,6 +12,7 @@ from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.config.tree import Method
 from lfpipe.files.decoding import fit_area
 from lfpipe.render.synthesis.compositor import Compositor
+from lfpipe.render.synthesis.gpu import Gpu
 from lfpipe.scene.lightfield import LightField
 
 # (width, height) of the measured pictures, at most: a few ms each; time grows with the pixels
@@ -21,9 +22,9 @@ COLUMNS = ((0.1, 0.9), (0.4, 0.6), (0.2, 0.7), (0.3, 0.8), (0.1, 0.6))
 BUILT = 2
 
 
-def measure_costs(field: LightField, render: Render) -> Mapping[str, float]:
+def measure_costs(field: LightField, render: Render, gpu: Gpu | None = None) -> Mapping[str, float]:
     """CPU time of the calling thread for each drawn pixel by method, ns: the least of a few
-    pictures between the middle views.
+    pictures between the middle views. What a GPU draws takes it little time.
     """
     own_px = field.width_px, field.height_px
     _, _, *fitting = fit_area(own_px, MEASURED_PX)
@@ -34,7 +35,7 @@ def measure_costs(field: LightField, render: Render) -> Mapping[str, float]:
         if method in WARPS and field.disparity is None:
             continue
         compositor = Compositor(
-            field, attrs.evolve(render, method=cast(Method, method)), size_px=size_px
+            field, attrs.evolve(render, method=cast(Method, method)), size_px=size_px, gpu=gpu
         )
         spent_ns = []
         for left, right in COLUMNS:

@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 
 from lfpipe.config.quality import WARPS
 from lfpipe.render.synthesis.blocks import Blocks, Box, shifted, size_of
+from lfpipe.render.synthesis.cameras import Cameras
 from lfpipe.render.synthesis.scene_views import SceneViews, Source
-from lfpipe.render.synthesis.viewpoint import Position, ViewWeight, view_weights
+from lfpipe.render.synthesis.viewpoint import Position, ViewWeight
 from lfpipe.render.synthesis.warper import Warper
 
 Array = NDArray[np.uint8]
@@ -42,8 +43,7 @@ class Synthesiser:
         self.method = method
         self.rows = slice(*rows.indices(scene.height_px))
         self._scene = scene
-        self._rows, self._cols = scene.field.rows, scene.field.cols
-        self._centre = ((self._rows - 1) / 2, (self._cols - 1) / 2)
+        self._cameras = Cameras(scene.field)
         self._warper = Warper(scene, self.rows) if method in WARPS else None
         height, width = scene.height_px, scene.width_px
         self._whole = slice(0, height), slice(0, width)
@@ -54,6 +54,7 @@ class Synthesiser:
 
     def reset(self) -> None:
         """Takes the disparities of the scene anew, which were replaced."""
+        self._cameras.replace(self._scene.field)
         if self._warper is not None:
             self._warper.reset()
 
@@ -73,18 +74,15 @@ class Synthesiser:
         each, to draw its rows into. Returns the planes: an element of outs, the stored plane itself
         if that is the picture, or a shifted copy.
         """
-        views = self._weights(self.method, position, eye)
+        views = self._cameras.weights(self.method, position, eye)
         if self._warper is None:
             layers = self._layers(frame, views, zero_plane_px, sources)
             return self._faded(layers, self._whole, outs)
-        shift = (
-            zero_plane_px * (self._centre[0] - position[0]),
-            zero_plane_px * (self._centre[1] - position[1]),
-        )
+        shift = self._cameras.shift_px(zero_plane_px, position)
         drawn = list(outs[: len(sources)])
         total = 0.0
         for view in views:
-            steps = self._steps(self._warper, view, position, eye)
+            steps = self._cameras.steps(view, position, eye)
             planes = [source(frame, view.row, view.col) for source in sources]
             if steps == (0.0, 0.0) and not any(shift):
                 return planes
@@ -100,25 +98,12 @@ class Synthesiser:
             if not share.size:
                 continue
             if not layers:
-                views = self._weights("blend", position, eye)
+                views = self._cameras.weights("blend", position, eye)
                 layers = self._layers(frame, views, zero_plane_px, sources)
             scratch = [np.empty(share.shape, np.uint8) for _ in sources]
             for out, plane in zip(drawn, self._faded(layers, box, scratch), strict=True):
                 cv2.blendLinear(plane, out[box], share, 1 - share, out[box])
         return drawn
-
-    def _weights(self, method: str, position: Position, eye: int) -> list[ViewWeight]:
-        """The stored views of a picture."""
-        if self._scene.field.eye_positions is not None:
-            return [ViewWeight(*divmod(eye, self._cols), 1.0)]
-        return view_weights(method, position, self._rows, self._cols)
-
-    def _steps(self, warper: Warper, view: ViewWeight, position: Position, eye: int) -> Position:
-        """(row, col) steps from a stored view to position."""
-        drawn = self._scene.field.eye_positions
-        if drawn is None:
-            return warper.offset(view, position)
-        return position[0] - drawn[eye][0], position[1] - drawn[eye][1]
 
     def _layers(
         self, frame: int, views: list[ViewWeight], zero_px: float, sources: Sequence[Source]
@@ -128,10 +113,8 @@ class Synthesiser:
         total = 0.0
         for view in views:
             total += view.weight
-            by = (
-                round(zero_px * (self._centre[0] - view.row)),
-                round(zero_px * (self._centre[1] - view.col)),
-            )
+            down_px, right_px = self._cameras.shift_px(zero_px, (view.row, view.col))
+            by = round(down_px), round(right_px)
             planes = [source(frame, view.row, view.col) for source in sources]
             layers.append(Layer(planes, view.weight / total, by))
         return layers

@@ -47,8 +47,6 @@ class Warper:
             raise ValueError("a light field without disparity cannot be warped")
         self._scene = scene
         self._map = scene.disparity
-        self._offsets = field.offsets.astype(np.float64)
-        self._regular = not self._offsets.any()
         rows, cols = size_of(scene.height_px, scene.width_px)
         if self._map(0, 0, 0).shape != (rows, cols):
             raise ValueError(
@@ -96,23 +94,6 @@ class Warper:
         self._unknown_in.cache_clear()
         self._unknown_around.cache_clear()
 
-    def offset(self, view: ViewWeight, position: Position) -> Position:
-        """Steps from the view's camera to position. Camera offsets distort the coordinates: whole
-        numbers are always the cameras themselves, and offsets between them are interpolated.
-        """
-        if self._regular:
-            return position[0] - view.row, position[1] - view.col
-        rows, cols = self._offsets.shape[:2]
-        r, up = cell_of(position[0], rows)
-        c, right = cell_of(position[1], cols)
-        r1, c1 = min(r + 1, rows - 1), min(c + 1, cols - 1)
-        near, far = self._offsets[r], self._offsets[r1]
-        bend = (1 - up) * ((1 - right) * near[c] + right * near[c1]) + up * (
-            (1 - right) * far[c] + right * far[c1]
-        )
-        bend -= self._offsets[view.row, view.col]
-        return position[0] - view.row + float(bend[0]), position[1] - view.col + float(bend[1])
-
     def aim(self, frame: int, view: ViewWeight, steps: Position, shift_px: Position) -> None:
         """Prepares `maps` for the view from `steps` away, moved by shift_px.
 
@@ -121,7 +102,7 @@ class Warper:
         down, right = steps
         shift_y, shift_x = shift_px
         stored = self._map(frame, view.row, view.col).view(np.uint8)
-        levels, levels_up = _LEVELS_TURNED if self._turned else _LEVELS
+        levels, levels_up = LEVELS[self._turned]
         cv2.LUT(stored, levels, self._low)
         # by which a pixel is moved down or up at most
         self.most_px = ZERO * self._unit_px * abs(down) + abs(shift_y)
@@ -182,7 +163,7 @@ class Warper:
 
     def _find_unknown_around(self, frame: int, row: int, col: int) -> list[Unknown]:
         """The boxes with unknown disparity in the four views from (row, col) on."""
-        rows, cols = self._offsets.shape[:2]
+        rows, cols = self._scene.field.rows, self._scene.field.cols
         corners = itertools.product((row, min(row + 1, rows - 1)), (col, min(col + 1, cols - 1)))
         masks = {
             at: (self._map(frame, *at) == UNKNOWN).view(np.uint8)
@@ -205,7 +186,7 @@ class Warper:
         shift_px as by `aim`, and the share of the cross-fade at each of their pixels, float32, 0 to
         1. It is 0 elsewhere.
         """
-        rows, cols = self._offsets.shape[:2]
+        rows, cols = self._scene.field.rows, self._scene.field.cols
         row, _ = cell_of(position[0], rows)
         col, _ = cell_of(position[1], cols)
         areas = self._unknown_around(frame, row, col)
@@ -271,7 +252,7 @@ def _levels(turned: bool) -> tuple[Levels, Levels]:
     return known, up
 
 
-_LEVELS, _LEVELS_TURNED = _levels(False), _levels(True)
+LEVELS = _levels(False), _levels(True)  # the second: depth is inverted
 _UNITS = np.arange(256)[:, None] - float(ZERO)
 _STEP_PX = 1 / 1024  # of a move: its sum with a position is then exact in any band
 _FAR = 1 << 14  # cells beyond any picture, so that the sum with a position fits into 16 bits

@@ -26,6 +26,7 @@ from lfpipe.eyes import (
 )
 from lfpipe.files.decoding import fit_area
 from lfpipe.render.synthesis.compositor import Compositor
+from lfpipe.render.synthesis.gpu import Gpu
 from lfpipe.render.synthesis.viewpoint import Place, Position, ViewSolver
 from lfpipe.render.viewer.geometry import Parallax, alpha_is_automatic, parallax
 from lfpipe.render.viewer.presence import (
@@ -68,6 +69,8 @@ class Canvas:
     """Threads on other cores, for parts of a large picture."""
     cores: int = 1
     """That may draw a picture."""
+    gpu: Gpu | None = None
+    """Draws warped pictures in their place."""
     preparer: Executor | None = None
     """A thread that prepares pictures of another size or quality; None: they are prepared when they
     are due."""
@@ -228,7 +231,8 @@ class Viewer:
         self, field: LightField, config: Config, size_px: Size, last: Viewpoints | None = None
     ) -> Compositor:
         threads = thread_count(math.prod(size_px), self._canvas.cores)
-        made = Compositor(field, config.render, self._canvas.helpers, threads, size_px)
+        canvas = self._canvas
+        made = Compositor(field, config.render, canvas.helpers, threads, size_px, canvas.gpu)
         if last is not None:
             made.prepare(last.left, last.right, last.frame)
         return made
