@@ -134,7 +134,7 @@ def page(path: Path, out: Path, credit: str, config: Config) -> None:
     if quilt.wanted != (quilt.rows, quilt.cols):
         rows, cols = quilt.wanted
         print_result(
-            f"  fewer than the {rows}x{cols} views of a smooth cross-fade: it would be too large"
+            f"  fewer than the {rows}x{cols} views of a smooth picture: it would be too large"
         )
     if field.frames > 1:
         print_result(f"  the first of {field.frames} frames")

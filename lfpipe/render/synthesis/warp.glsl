@@ -4,7 +4,7 @@
 
 uniform sampler2DArray views;        // stored views, one per layer
 uniform sampler2DArray disparities;  // half their size: level, 0 if unknown; highest level of WINDOW
-                                     // x WINDOW from here on; share of unknown ones around
+                                     // x WINDOW from here on; 0 if none is unknown around, 1 if all
 uniform vec2 size;                   // of the picture, px
 uniform float unit;                  // px per view for each level above MIDDLE
 uniform float span;                  // between the farthest and the nearest point, px per view
@@ -68,7 +68,7 @@ float unknown(vec2 pixel, int eye) {
   float around = 0.0, share = 0.0;
   for (int k = 4 * eye; k < 4 * eye + 4; k++)
     around += fades[k].y * textureLod(disparities, vec3(place / cells(), fades[k].x), 0.0).b;
-  if (around == 0.0) return 0.0;
+  if (around == 0.0 || around > 0.999) return around;
   vec2 cell = floor(place - 0.5), part = fract(place - 0.5);
   for (float y = -2.0; y <= 3.0; y++)
     for (float x = -2.0; x <= 3.0; x++) {
