@@ -220,8 +220,8 @@ class Render:
     device: Literal["auto", "cpu", "gpu"] = key(
         "auto",
         doc=(
-            "what draws warped pictures; gpu needs the extra gpu; auto: a GPU that is hardware,"
-            " except in a replay, whose pictures are the same everywhere"
+            "what draws a session's warped pictures; gpu needs the extra gpu; auto: a GPU that"
+            " is hardware, except in a replay, whose pictures are the same everywhere"
         ),
     )
     alpha_px: float | Literal["auto"] = key(
