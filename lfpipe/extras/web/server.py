@@ -54,8 +54,8 @@ MAX_STREAMS, MAX_WATCHERS = 32, 30  # two streams are reserved for a teacher
 # oldest one of the address that has most
 MAX_STRANGERS = 192
 ACCEPTS = 8  # at a time: each is answered before more are accepted
-WAITING = 1024  # connections to accept: the kernel makes those above it wait for seconds
-BACK_OFF_S = 1.0  # until the next try where no descriptor is free
+WAITING = 4096  # connections to accept, Linux's limit: those above it wait for a second or more
+BACK_OFF_S = 0.1  # until the next try where no descriptor is free
 END_S = 1.0  # for answers that are being sent at the end
 NO_TOKEN = (
     "the token is missing or wrong: open the address that `lfpipe monitor --web` printed; it ends"
@@ -165,6 +165,7 @@ class Server(HTTPServer):
     def initialize(self, app: Application) -> None:  # type: ignore[override]
         """Tornado's replacement for __init__."""
         self._strangers: dict[Any, str] = {}  # streams in order of arrival, and their addresses
+        self._told = False
         self._most = min(MAX_STRANGERS, free_files() // 2)
         app.settings.update(admit=self.admit, log_function=lambda handler: None)
         super().initialize(
@@ -191,7 +192,10 @@ class Server(HTTPServer):
             except (BlockingIOError, ConnectionAbortedError):
                 return
             except OSError as error:
-                log.warning("no connection accepted for %g s: %s", BACK_OFF_S, error.strerror)
+                if not self._told:
+                    log.warning("connections wait for a while: %s", error.strerror)
+                self._told = True
+                self._close_oldest()
                 loop = IOLoop.current()
                 loop.update_handler(sock, 0)
                 loop.call_later(BACK_OFF_S, self._accept_again, sock)
@@ -202,8 +206,15 @@ class Server(HTTPServer):
         if sock.fileno() in self._handlers:  # else the server has stopped
             IOLoop.current().update_handler(sock, IOLoop.READ)
 
+    def _close_oldest(self) -> None:
+        """Closes the oldest connection of the address that has most."""
+        for busiest, _ in Counter(self._strangers.values()).most_common(1):
+            oldest = next(one for one, address in self._strangers.items() if address == busiest)
+            self.admit(oldest)
+            oldest.close()
+
     def admit(self, stream: Any) -> None:
-        """Marks a connection as admitted."""
+        """Takes a connection out of those that may be closed to make room."""
         self._strangers.pop(stream, None)
 
     def start_request(self, server_conn: Any, request_conn: HTTPConnection) -> HTTPMessageDelegate:
@@ -212,15 +223,12 @@ class Server(HTTPServer):
             raise asyncio.CancelledError
         self._strangers[server_conn.stream] = str(server_conn.context.remote_ip)
         if len(self._strangers) > self._most:
-            ((busiest, _),) = Counter(self._strangers.values()).most_common(1)
-            oldest = next(one for one, address in self._strangers.items() if address == busiest)
-            del self._strangers[oldest]
-            oldest.close()
+            self._close_oldest()
         return super().start_request(server_conn, request_conn)
 
     def on_close(self, server_conn: Any) -> None:
         """Called by Tornado when a connection has ended."""
-        self._strangers.pop(server_conn.stream, None)
+        self.admit(server_conn.stream)
         super().on_close(server_conn)
 
 

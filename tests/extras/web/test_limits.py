@@ -17,6 +17,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from lfpipe.extras.web.server import MAX_STRANGERS, MAX_STREAMS
+from lfpipe.host.limits import allow_files
 from lfpipe.host.segment import PREFIX
 from tests.extras.web.server import Server, served
 from tests.supervisor.states import messages, values
@@ -29,6 +30,7 @@ HALVES = (
     b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n",  # whole and refused, and then nothing more
 )
 LARGE = 10_000_000
+IDLE = 3000
 
 
 def test_page_closes_half_requests(live_server: Server) -> None:
@@ -133,13 +135,37 @@ def test_holders_of_the_view_only_token_do_not_lock_others_out(live: World) -> N
             f" {server.watch_token}\r\n\r\n"
         ).encode()
         rss = psutil.Process(server.pid).memory_info().rss
-        for sent in (b"", get[:50], get, 200 * get):
+        events = get.replace(b"/uPlot.iife.min.js", b"/events")
+        for sent in (b"", get[:50], get, events, 200 * get):
             with ExitStack() as held:
                 for _ in range(3 * files):
                     held.enter_context(held_open(server, sent))
                 assert server.ask("POST", "/ctl", {"cmd": "resume"})[0] == 200
                 assert server.jpeg("picture")
         assert psutil.Process(server.pid).memory_info().rss < rss + 30e6
+
+
+@pytest.mark.native("somaxconn")
+def test_a_request_behind_thousands_of_idle_connections_is_answered(live_server: Server) -> None:
+    """They wait without a second try of the kernel's, which takes a second, and the server spends
+    little on each.
+    """
+    if int(Path("/proc/sys/net/core/somaxconn").read_text()) < IDLE:
+        pytest.skip("this system lets fewer connections wait")
+    allow_files()
+    process = psutil.Process(live_server.pid)
+    with ExitStack() as held:
+        process.suspend()
+        held.callback(process.resume)
+        for _ in range(IDLE):
+            address = ("127.0.0.1", live_server.port)
+            held.enter_context(socket.create_connection(address, timeout=20))
+        before = process.cpu_times()
+        asked = held.enter_context(live_server.send(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"))
+        process.resume()
+        assert asked.recv(12) == b"HTTP/1.1 403"
+        after = process.cpu_times()
+    assert after.user + after.system - before.user - before.system < 1
 
 
 @contextmanager
