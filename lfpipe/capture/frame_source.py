@@ -59,7 +59,7 @@ class Frame:
     t_read_ns: when the frame left the driver or, for a recording played without a pace, the disk; 0
     for any other recording, whose frame is due at t_sensor_ns and not before. packet: the JPEG it
     was decoded from, uint8 (n,), if it has the source's own size. stamp: what t_sensor_ns was
-    derived from.
+    derived from. shuttered: the camera's privacy switch is on.
     """
 
     source_seq: int
@@ -67,6 +67,7 @@ class Frame:
     t_read_ns: int
     packet: NDArray[np.uint8] | None = attrs.field(default=None, eq=False, repr=False)
     stamp: StampKind = StampKind.SCHEDULED
+    shuttered: bool = False
 
 
 class FrameSource(Protocol):

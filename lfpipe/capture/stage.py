@@ -197,7 +197,7 @@ class CaptureStage:
         context = self._context
         frames = self._frames
         t_sensor_ns = frame.t_sensor_ns + self._lateness.moved_ns
-        self._watch_content(frame.t_sensor_ns)
+        self._watch_content(frame)
         stale = False
         if self._live:
             if self._source.info.notes != self._reported.notes:
@@ -224,12 +224,13 @@ class CaptureStage:
         context.row.record_latency(t_read_ns - t_sensor_ns, busy_ns, t_ns - t_sensor_ns)
         context.row["cpu_ns"] = time.process_time_ns()
 
-    def _watch_content(self, t_ns: int) -> None:
+    def _watch_content(self, frame: Frame) -> None:
         """Reports frames that show nothing, and a light that flashes."""
         content = self._content
         flashed = content.flashes
-        content.add(self._frames.begin(), t_ns)
+        content.add(self._frames.begin(), frame.t_sensor_ns)
         self._context.row["covered"] = content.covered
+        self._context.row["shuttered"] = frame.shuttered
         if content.flashes and not flashed and not self._flash_told:
             self._flash_told = True
             self._context.notify(

@@ -4,6 +4,7 @@ their text.
 
 import enum
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 import attrs
 import numpy as np
@@ -56,11 +57,11 @@ def faults(rows: Rows, t_ns: int) -> Iterator[Fault]:
 
 
 def notices(
-    rows: Rows, source: str, shows: str, t_face_ns: int, covered: bool = False
+    rows: Rows, source: str, shows: str, t_face_ns: int, frames: Mapping[str, Any]
 ) -> list[Notice]:
     """The notices, the most urgent alone. source, shows: names of the stages that make frames and
-    show pictures. t_face_ns: when a picture was last made for a face; 0: never. covered: whether
-    frames show nothing.
+    show pictures. t_face_ns: when a picture was last made for a face; 0: never. frames: the
+    metrics of the source.
     """
     t_ns = now_ns()
     if rows[source]["state"] == State.READY:
@@ -70,7 +71,10 @@ def notices(
             Notice(NoticeKind.FAULT, f"{fault.text}: the picture does not follow you")
             for fault in broken
         ]
-    if covered:
+    if frames["shuttered"]:
+        text = "the camera's privacy switch is on: slide its shutter open, or press its key"
+        return [Notice(NoticeKind.COVERED, text)]
+    if frames["covered"]:
         return [Notice(NoticeKind.COVERED, "the camera is covered: its frames show nothing")]
     running = all(rows[name]["state"] == State.RUNNING for name in (source, shows))
     if running and t_face_ns and t_ns - t_face_ns > FACELESS_NS:

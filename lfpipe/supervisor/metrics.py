@@ -174,7 +174,7 @@ def session_metrics(
     description = quality["words"].item().decode(errors="replace")
     planned, juddered = display["planned"], display["juddered"]
     light = f"too little light for {source['nominal_mhz'] / 1000:.3g} Hz"
-    current = notices(rows, SOURCE, SHOWN_BY, display["t_face_ns"], source["covered"])
+    current = notices(rows, SOURCE, SHOWN_BY, display["t_face_ns"], source)
     now = [notice.text for notice in current]
     return SessionMetrics(
         session=session,

@@ -92,6 +92,8 @@ class FakeCamera(V4L2Device):
         return None if known is None else ControlRange(known.low, known.high, known.step)
 
     def control(self, control: int) -> int:
+        if control not in self.controls:
+            raise OSError(errno.EINVAL, "Invalid argument")
         return self.controls[control].value
 
     def set_control(self, control: int, value: int) -> None:

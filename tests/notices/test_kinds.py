@@ -30,8 +30,9 @@ def rows(monkeypatch: pytest.MonkeyPatch) -> Rows:
     return made
 
 
-def shown(rows: Rows, faceless_ns: int) -> list[Notice]:
-    return notices(rows, "capture", "render", T_NS - faceless_ns)
+def shown(rows: Rows, faceless_ns: int, **flags: bool) -> list[Notice]:
+    frames = {"covered": False, "shuttered": False} | flags
+    return notices(rows, "capture", "render", T_NS - faceless_ns, frames)
 
 
 def test_notices_report_a_missing_face_while_all_stages_run(rows: Rows) -> None:
@@ -54,6 +55,14 @@ def test_notices_report_a_fault_instead_of_a_missing_face(rows: Rows) -> None:
     assert list(faults(rows, T_NS)) == [Fault("the filter is broken", has_worked=True)]
     (notice,) = shown(rows, FACELESS_NS + 1)
     assert notice.kind is NoticeKind.FAULT and "the filter is broken" in notice.text
+
+
+def test_notices_name_the_privacy_switch_before_a_cover(rows: Rows) -> None:
+    (cover,) = shown(rows, FACELESS_NS + 1, covered=True)
+    assert cover.kind is NoticeKind.COVERED and "switch" not in cover.text
+    for covered in (True, False):  # some cameras deliver a picture of a crossed-out camera
+        (switch,) = shown(rows, FACELESS_NS + 1, covered=covered, shuttered=True)
+        assert switch.kind is NoticeKind.COVERED and "privacy switch" in switch.text
 
 
 def test_latency_lines_omit_what_is_not_known() -> None:

@@ -181,8 +181,8 @@ def standing_notices(context: Context, knows_rows: bool) -> list[str]:
         lines.append("paused" if is_locked else "paused: press p or space to resume")
     t_face_ns = context.row["t_face_ns"]
     rows, source = context.table.rows, context.spec.source
-    covered = bool(context.table.metrics[source].read(rows[source])["covered"])
-    current = notices(rows, source, context.spec.name, t_face_ns, covered)
+    frames = context.table.metrics[source].read(rows[source])
+    current = notices(rows, source, context.spec.name, t_face_ns, frames)
     if current and is_locked:  # notices are for the operator
         is_alone = any(notice.kind is NoticeKind.NO_FACE for notice in current)
         return [*lines, INVITATION if is_alone else DRAG]
