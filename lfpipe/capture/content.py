@@ -18,6 +18,20 @@ FLASH_LEVELS, FLASH_RATIO = 12.0, 4.0
 FLASH_FRAMES = 12
 
 
+def _sample(frame: NDArray[np.uint8]) -> NDArray[Any]:
+    return frame[::EVERY_PX, ::EVERY_PX]
+
+
+def is_flat(frame: NDArray[np.uint8]) -> bool:
+    """Whether a frame, uint8 (height, width, 3), shows nothing."""
+    return float(_sample(frame)[..., 1].std()) < FLAT_LEVELS
+
+
+def has_colour(frame: NDArray[np.uint8]) -> bool:
+    """Whether any pixel is not exactly grey: even the noise of a sensor for colours has some."""
+    return bool(np.ptp(_sample(frame), axis=2).any())
+
+
 class ContentWatch:
     """Follows the content of frames."""
 
@@ -31,10 +45,9 @@ class ContentWatch:
 
     def add(self, frame: NDArray[np.uint8], t_ns: int) -> None:
         """Adds a frame, uint8 (height, width, 3), and its time."""
-        sample: NDArray[Any] = frame[::EVERY_PX, ::EVERY_PX, 1]
-        self._means.append(float(sample.mean()))
+        self._means.append(float(_sample(frame)[..., 1].mean()))
         self.flashes = self._flash()
-        if float(sample.std()) >= FLAT_LEVELS:
+        if not is_flat(frame):
             self._flat_ns = 0
         elif not self._flat_ns:
             self._flat_ns = t_ns

@@ -26,13 +26,15 @@ from lfpipe.track.models import SHA256, fetch_models, find_model, install_models
 @click.command()
 @JSON
 def cameras(as_json: bool) -> None:
-    """List cameras with pixel formats, frame sizes, rates and controls, without starting them.
+    """List cameras with pixel formats, frame sizes, rates and controls, the best for faces first.
+
+    If several are equal by their formats, their first frames decide: each starts for a moment.
 
     Each size is listed with its highest rate; --json lists all rates. Pass the path or the name to
     --camera: camera:/dev/video0, camera:NAME.
     """
     listed: list[dict[str, Any]] = []
-    ranking = camera_list.ranked(camera_list.cameras(), camera_list.formats_of)
+    ranking = camera_list.ranked(camera_list.cameras())
     for number, (device, doubt) in enumerate((one.device, one.doubt) for one in ranking):
         about: dict[str, Any] = {
             "camera": f"camera:{device.path}",

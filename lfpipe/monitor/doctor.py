@@ -1,5 +1,5 @@
 """Checks whether `lfpipe up SCENE` would run on this machine, each check with its remedy, and packs
-a bug report. Starts no camera and opens no window.
+a bug report. Opens no window, and starts a camera only to choose between equal ones.
 """
 
 import contextlib
@@ -21,7 +21,7 @@ import attrs
 import cv2
 
 from lfpipe import config, log
-from lfpipe.capture.camera_list import CameraDevice, asking, cameras, formats_of, ranked
+from lfpipe.capture.camera_list import CameraDevice, asking, cameras, ranked
 from lfpipe.capture.spec import KINDS
 from lfpipe.config.user_files import commented
 from lfpipe.errors import UserError, redacted
@@ -233,7 +233,7 @@ def camera_checks(source: str, devices: list[CameraDevice]) -> list[Check]:
         return [Check("camera", True, "none: over the window, the mouse is the viewer")]
     if not devices:
         return [Check("camera", False, f"none, but camera.source is {source}", NO_CAMERA)]
-    ranking = ranked(devices, formats_of)
+    ranking = ranked(devices)
     checks = [camera(one.device) for one in ranking]
     if source:
         return checks
