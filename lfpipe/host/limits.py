@@ -4,6 +4,7 @@ if the system reports the use of a process.
 """
 
 import contextlib
+import errno
 import resource
 import sys
 import threading
@@ -20,6 +21,16 @@ WORKER_THREADS = 8 + len(usable_cores())
 # more is useless, and some programs close every number up to the limit;
 # macOS refuses more than OPEN_MAX
 MAX_FILES = 1 << 16 if sys.platform == "linux" else 1 << 13
+
+
+# errno of a call -> what helps against the limit that it hit
+REMEDIES = {
+    errno.EFBIG: "raise the limit of a file's size: `ulimit -f unlimited`, or LimitFSIZE= in a"
+    " systemd unit",
+    errno.EMFILE: "raise the limit of open files: `ulimit -n 1024`, or LimitNOFILE= in a systemd"
+    " unit",
+    errno.ENFILE: "end other programs: the whole system may open no more files",
+}
 
 
 def allow_files() -> None:

@@ -20,6 +20,7 @@ from pathlib import Path
 
 from lfpipe.errors import UserError
 from lfpipe.host.file_lock import lock_open
+from lfpipe.host.limits import REMEDIES
 
 SHM_DIR = Path("/dev/shm" if sys.platform == "linux" else tempfile.gettempdir())
 WRITABLE = (
@@ -112,7 +113,8 @@ def create(name: str, size_bytes: int, run_dir: Path | None = None) -> Segment:
     except OSError as error:
         if error.errno not in (errno.ENOSPC, errno.ENOMEM):
             raise UserError(
-                f"{SHM_DIR}: cannot create shared memory: {error.strerror}", WRITABLE
+                f"{SHM_DIR}: cannot create shared memory: {error.strerror}",
+                REMEDIES.get(error.errno or 0, WRITABLE),
             ) from None
         total, _, free = (size / 1e6 for size in shutil.disk_usage(SHM_DIR))
         message = (

@@ -7,6 +7,7 @@ import errno
 import importlib.metadata
 import io
 import json
+import os
 import platform
 import re
 import shutil
@@ -22,7 +23,10 @@ import cv2
 
 from lfpipe import config, log
 from lfpipe.capture.camera_list import CameraDevice, asking, cameras, ranked
+from lfpipe.capture.open_source import check_source
 from lfpipe.capture.spec import KINDS
+from lfpipe.config import SessionOptions
+from lfpipe.config.modes import NoViewer
 from lfpipe.config.user_files import commented
 from lfpipe.errors import UserError, redacted
 from lfpipe.files.output import MARK, check_output, write_output
@@ -48,17 +52,18 @@ from lfpipe.plugins import (
 from lfpipe.render.display.open_display import BUILT_IN as DISPLAY_NAMES
 from lfpipe.render.display.open_display import has_display
 from lfpipe.render.synthesis.gpu import open_gpu
+from lfpipe.scene.cache import prepare_cache
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts import RESULTS, built_in
 from lfpipe.supervisor import rundir
 from lfpipe.supervisor.requests import HANDLERS
+from lfpipe.supervisor.supervisor import try_session
 from lfpipe.track import models
 from lfpipe.transport.session import Session
 
 NO_CAMERA = (
     "plug it in, or use --camera mouse, --camera demo, or a recording with --camera file:PATH"
 )
-SHM_NEED_BYTES = 16 << 20  # rings for frames of 640x480, with a margin
 
 
 @attrs.frozen
@@ -272,17 +277,33 @@ def camera(device: CameraDevice) -> Check:
     return Check("camera", True, f"{name}: {offered or 'formats unknown'}")
 
 
-def shared_memory(need_bytes: int = SHM_NEED_BYTES) -> Check:
-    """Free shared memory for the rings."""
-    remedy = segment.more_room(need_bytes)
+def cache(scene: config.Scene) -> Check:
+    """The folder for packs of scenes."""
     try:
+        return Check("cache", True, str(prepare_cache(scene)))
+    except UserError as error:
+        return Check("cache", False, error.message, error.remedy)
+
+
+def session(settings: config.Config) -> Check:
+    """Starts a session on the demo's camera and ends it: memory, sockets, and with face networks
+    processes.
+    """
+    # mediapipe is optional: sessions use litert without it
+    settings = attrs.evolve(settings, track=attrs.evolve(settings.track, engine="litert"))
+    try:
+        viewer = NoViewer() if models.missing_models() else check_source("demo", settings.camera)
+        own = Session(f"doctor.{os.getpid()}")
+        outcome = try_session(own, settings, SessionOptions(viewer=viewer, show=False))
         total_bytes, _, free_bytes = shutil.disk_usage(segment.SHM_DIR)
-    except OSError as error:
-        return Check("shm", False, f"{segment.SHM_DIR}: {error.strerror}", remedy)
+    except UserError as error:
+        return Check("session", False, error.message, error.remedy)
+    if outcome.failure is not None:
+        return Check("session", False, outcome.failure, outcome.remedy)
+    assert outcome.final is not None, "it had started"
     room = f"{segment.SHM_DIR}: {free_bytes / 1e6:.0f} MB free of {total_bytes / 1e6:.0f} MB"
-    return (
-        Check("shm", False, room, remedy) if free_bytes < need_bytes else Check("shm", True, room)
-    )
+    started = ", ".join(outcome.final.used_stages) or "nothing"
+    return Check("session", True, f"started and ended: {started}; {room}")
 
 
 def leftovers() -> Check:
@@ -297,6 +318,7 @@ def leftovers() -> Check:
 def checks() -> list[Check]:
     """All checks, in the order in which to fix problems."""
     own = settings()
+    used = config.load() if own.ok else config.Config()
     return [
         python(),
         own,
@@ -305,8 +327,9 @@ def checks() -> list[Check]:
         litert(),
         sdl(),
         gpu(),
-        *camera_checks(config.load().camera.source if own.ok else "", cameras()),
-        shared_memory(),
+        *camera_checks(used.camera.source, cameras()),
+        cache(used.scene),
+        session(used),
         leftovers(),
         *(
             plugin_check(group, name, package)

@@ -18,6 +18,7 @@ from lfpipe.errors import UserError
 from lfpipe.host import file_lock, processes, segment
 from lfpipe.host.file_lock import Lock
 from lfpipe.host.files import is_missing
+from lfpipe.host.limits import REMEDIES
 from lfpipe.transport import control
 from lfpipe.transport.session import PREFIX, Session, base_dir, place_prefix
 
@@ -102,7 +103,8 @@ def filled(session: Session) -> Iterator[None]:
         path = getattr(error, "filename", None) or session.run_dir
         what = "free space there" if error.errno in (errno.ENOSPC, errno.EDQUOT) else "remove it"
         raise UserError(
-            f"{path}: {error.strerror}", f"{what}, or set XDG_RUNTIME_DIR to another directory"
+            f"{path}: {error.strerror}",
+            REMEDIES.get(error.errno or 0, f"{what}, or set XDG_RUNTIME_DIR to another directory"),
         ) from None
 
 

@@ -2,12 +2,13 @@
 
 import contextlib
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import FrameType
 
 from lfpipe import log as session_log
 from lfpipe.config import Config, SessionOptions
 from lfpipe.host import limits, signals
+from lfpipe.host.file_lock import Lock
 from lfpipe.host.terminal import protect_output
 from lfpipe.scene.open_scene import Packing
 from lfpipe.supervisor import rundir
@@ -18,6 +19,32 @@ from lfpipe.transport.session import Session
 
 logger = logging.getLogger(__name__)
 READER_S = 0.2  # for a terminal or program to read messages: a session does not wait longer
+
+
+@contextlib.contextmanager
+def _acquired(session: Session) -> Iterator[tuple[Session, Lock]]:
+    """The session with its token, and its lock, where the limits of this system allow one. Raises
+    UserError.
+    """
+    limits.allow_files()
+    limits.check_threads(limits.SESSION_THREADS)
+    with rundir.filled(session):
+        lock = rundir.acquire(session)
+    try:
+        yield session.with_token(), lock
+    finally:
+        rundir.release(session, lock)
+
+
+def try_session(session: Session, config: Config, options: SessionOptions) -> Outcome:
+    """As `run_session`, until all stages are ready. Keeps no log, and removes nothing of others."""
+    state = SessionState.first(config, options)
+    with (
+        _acquired(session) as (own, lock),
+        rundir.filled(own),
+        contextlib.closing(LiveSession(own, state, logger.info)) as live,
+    ):
+        return live.loop(0.0, (), lock)
 
 
 def run_session(
@@ -35,12 +62,6 @@ def run_session(
     Raises UserError before any process starts if the session is impossible: its name is in use,
     /dev/shm is too small, a stage is configured for a missing core, ...
     """
-    limits.allow_files()
-    limits.check_threads(limits.SESSION_THREADS)
-    with rundir.filled(session):
-        swept = rundir.sweep()
-        lock = rundir.acquire(session)
-        session = session.with_token()
     protect_output("stdout")
     protect_output("stderr", patience_s=READER_S)
     arrived: list[int] = []
@@ -52,20 +73,20 @@ def run_session(
         if again and live is not None:  # the second Ctrl-C ends at once
             live.stages.kill()
 
-    try:
-        log = session_log.kept_in(session.run_dir)
-        signalled = signals.handled(take_signal)
-        with signalled, log:
-            if swept:
-                logger.info("removed what dead sessions left: %s", ", ".join(swept))
-            with rundir.filled(session):
-                live = LiveSession(session, SessionState.first(config, options), notify, packing)
-            with contextlib.closing(live):
-                outcome = live.loop(duration_s, arrived, lock)
-            logger.info(
-                "session %s: %s; %s", session.name, outcome.reason, outcome.failure or "no failure"
-            )
-    finally:
-        session_log.keep_last(session.run_dir)
-        rundir.release(session, lock)
+    with _acquired(session) as (session, lock):
+        try:
+            log = session_log.kept_in(session.run_dir)
+            signalled = signals.handled(take_signal)
+            with signalled, log:
+                with rundir.filled(session):
+                    if swept := rundir.sweep():
+                        logger.info("removed what dead sessions left: %s", ", ".join(swept))
+                    state = SessionState.first(config, options)
+                    live = LiveSession(session, state, notify, packing)
+                with contextlib.closing(live):
+                    outcome = live.loop(duration_s, arrived, lock)
+                what = outcome.failure or "no failure"
+                logger.info("session %s: %s; %s", session.name, outcome.reason, what)
+        finally:
+            session_log.keep_last(session.run_dir)
     return outcome

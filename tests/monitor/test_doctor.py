@@ -1,12 +1,16 @@
 """The checks of `lfpipe doctor`, on this machine and on simulated faults."""
 
+import errno
 import re
+import resource
 import stat
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from lfpipe import config
 from lfpipe.capture.camera_list import CameraDevice
 from lfpipe.errors import UserError
 from lfpipe.host import PORTABLE
@@ -27,7 +31,8 @@ def test_doctor_passes_on_this_machine() -> None:
         "opencv",
         "models",
         "litert",
-        "shm",
+        "cache",
+        "session",
         "left over",
     }
     details = {check.name: check.detail for check in checks}
@@ -83,10 +88,41 @@ def test_doctor_names_the_driver_of_sdl(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_doctor_checks_shared_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    full = doctor.shared_memory(1 << 62)
-    monkeypatch.setattr("lfpipe.host.segment.SHM_DIR", tmp_path / "gone")
-    for check in (full, doctor.shared_memory()):
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    for place, replaced in ("_create", full), ("SHM_DIR", tmp_path / "gone"):
+        with monkeypatch.context() as patch:
+            patch.setattr(f"lfpipe.host.segment.{place}", replaced)
+            check = doctor.session(config.Config())
         assert not check.ok and "shm-size" in check.remedy
+
+
+def limited(kind: int, most: int) -> Callable[[], None]:
+    """Sets a limit of this process."""
+    return lambda: resource.setrlimit(kind, (most, most))
+
+
+# what is limited -> the environment and the limit of `lfpipe doctor`, and what it fails and says
+LIMITED: dict[str, tuple[dict[str, str], Callable[[], None] | None, str, tuple[str, ...]]] = {
+    "open files": ({}, limited(resource.RLIMIT_NOFILE, 64), "session", ("64 open", "ulimit -n")),
+    "file size": ({}, limited(resource.RLIMIT_FSIZE, 100_000), "session", ("ulimit -f",)),
+    "run directory": ({"XDG_RUNTIME_DIR": "/proc"}, None, "session", ("XDG_RUNTIME_DIR", "/proc")),
+    "cache": ({"XDG_CACHE_HOME": "/proc"}, None, "cache", ("/proc/lfpipe", "scene.cache_dir")),
+}
+
+
+@pytest.mark.native("limits and /proc")
+@pytest.mark.parametrize("what", LIMITED)
+def test_doctor_names_the_limit_that_up_would_hit(world: World, what: str) -> None:
+    environment, limit, name, parts = LIMITED[what]
+    world.env |= environment | {"COLUMNS": "200"}
+    done = world.run("doctor", preexec_fn=limit)
+    assert done.returncode == 1 and not done.stderr, done.stderr
+    failed = re.findall(r"^FAIL (\w+) +(.*(?:\n +.*)*)", done.stdout, re.M)
+    assert [check for check, _ in failed] == [name], failed
+    assert all(part in failed[0][1] for part in parts), failed
+    assert not world.left()
 
 
 def test_doctor_checks_the_first_camera_or_the_source() -> None:
