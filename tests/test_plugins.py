@@ -1,6 +1,7 @@
 """Plug-ins that fail: named with their package, and skipped if alternatives exist."""
 
 import os
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -18,11 +19,13 @@ from lfpipe.monitor.doctor import plugin_check
 from lfpipe.plugins import DISPLAYS, ENGINES, LAYOUTS, SOURCES, PluginError, entries, load, loaded
 from lfpipe.render.display.open_display import open_display, parse_display
 from lfpipe.scene import layouts, open_scene
+from lfpipe.supervisor.scene_loads import ScenePreviews
 from lfpipe.track.filters.table import make_filter
 from lfpipe.track.make_engine import make_engine
+from lfpipe.transport.control import Message
 from tests.scene import made
 from tests.support.refusal import refusal
-from tests.support.world import write_package
+from tests.support.world import until, write_package
 
 MODULE = """
 import sys
@@ -353,3 +356,28 @@ def test_plugin_layout_that_ends_or_blocks_the_packer_is_named_and_skipped(
     assert time.monotonic() - began < 60, "it is not tried again"
     with pytest.raises(PluginError, match=rf"bad of bad 1\.0 .* {why}"):
         open_scene.ask_manifest(scene, Scene(layout="bad"))
+
+
+def test_plugin_layout_that_blocks_the_first_preview_is_not_tried_for_the_others(
+    install: Install, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tries = tmp_path / "tries"
+    blocks = f"open({str(tries)!r}, 'a').write('x')\n    while True: pass"
+    install({LAYOUTS: "bad = bad_parts"}, detect=blocks)
+    monkeypatch.setattr(open_scene, "PLUGIN_S", 1.0)
+    monkeypatch.setattr(open_scene.Packing, "faults", {})
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path / "packages"), *sys.path]))
+    scenes = [
+        str(made.write_grid(tmp_path / name, made.wall(2, 2, 32, 40))) for name in ("a", "b", "c")
+    ]
+    messages: list[Message] = []
+    previews = ScenePreviews(messages.append)
+    previews.begin(scenes, Scene(cache_dir=str(tmp_path / "cache")))
+
+    def are_read() -> bool:
+        previews.read()
+        return previews._reader is None
+
+    until(are_read, "previews")
+    assert [message["scene"] for message in messages] == scenes
+    assert all(message["data"] for message in messages) and tries.read_text() == "x"

@@ -60,7 +60,7 @@ class Packing(Worker):
     """Those layouts, and what they do; no later request of this process tries them."""
 
     def __init__(self, request: PackerRequest, progress: Progress | None = None) -> None:
-        self._request = request
+        self.request = request
         self.views: SceneSummary | None = None
         """Summary of the pack as soon as it can be shown."""
         self.scenes: list[Path] = []
@@ -74,16 +74,16 @@ class Packing(Worker):
 
     def _start(self) -> None:
         self._layout, self._does = "", ""  # of another package, that it is in
-        named = self._request.settings.layout
+        named = self.request.settings.layout
         without = {name: fault for name, fault in self.faults.items() if name != named}
-        asked = attrs.evolve(self._request, without=without)
+        asked = attrs.evolve(self.request, without=without)
         super().__init__("lfpipe.scene.packer", attrs.asdict(asked), asked.scenes[0], SILENT_S)
 
     @property
     def done(self) -> bool:
         """See `Worker.done`."""
         fault = self._fault() if super().done else None
-        if fault is None or fault.name == self._request.settings.layout:
+        if fault is None or fault.name == self.request.settings.layout:
             return super().done
         log.warning("%s; it is skipped", fault.message)
         self.faults[fault.name] = fault.message

@@ -11,7 +11,7 @@ import logging
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import attrs
 
@@ -123,11 +123,7 @@ def _set(state: SessionState, message: Message, _t_ns: int) -> Reply:
 def _pictures(state: SessionState, message: Message, t_ns: int) -> Reply:
     """Leases the ring of pictures; a client that keeps reading must renew the lease in time."""
     lease_s = message.get("lease_s", LEASE_S)
-    if (
-        isinstance(lease_s, bool)
-        or not isinstance(lease_s, int | float)
-        or not 0 < lease_s <= MAX_LEASE_S
-    ):
+    if not _is_positive(lease_s) or lease_s > MAX_LEASE_S:
         raise BadMessage(
             f"pictures: lease_s {lease_s!r:.100} is not a time of up to {MAX_LEASE_S:g} s"
         )
@@ -267,8 +263,7 @@ def _costs(state: SessionState, message: Message, _t_ns: int) -> Reply:
     by_method = message.get("ns_per_px")
     numbers = [message.get("picture_px"), message.get("cores")]
     if not isinstance(by_method, dict) or not all(
-        isinstance(number, int | float) and 0 < number < math.inf
-        for number in (*by_method.values(), *numbers)
+        map(_is_positive, (*by_method.values(), *numbers))
     ):
         raise BadMessage("costs needs `ns_per_px` by method, `picture_px` and `cores`")
     costs = converter().structure(message, DrawingCosts)
@@ -354,6 +349,11 @@ def _recentre(state: SessionState, _message: Message, _t_ns: int) -> Reply:
     if not stages:
         raise UserError("the session has no viewer to recentre", "start one with a camera")
     return Reply(executed_by=stages)
+
+
+def _is_positive(value: Any) -> bool:
+    """Whether a value is a positive number."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf
 
 
 def _absolute(path: str) -> bool:

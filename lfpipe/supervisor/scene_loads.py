@@ -11,8 +11,7 @@ from typing import Any
 import attrs
 
 from lfpipe.config import Scene, SceneSummary
-from lfpipe.host.worker import Worker
-from lfpipe.scene.open_scene import SILENT_S, PackerRequest, Packing
+from lfpipe.scene.open_scene import PackerRequest, Packing
 from lfpipe.supervisor.control_sockets import Request
 from lfpipe.supervisor.effects import Change, Effect, Respond, Service
 from lfpipe.supervisor.requests import Reply, on_complete, on_load
@@ -165,20 +164,18 @@ def _reply(state: SessionState, event: SceneEvent, message: Message) -> Reply:
     return on_load(state, message, event.scene, event.scenes)
 
 
-class _PreviewReader(Worker):
-    """The packer that reads previews. left: the scenes that are not read yet."""
+class _PreviewReader(Packing):
+    """The packer that reads previews. request: the scenes that are not read yet."""
 
     def __init__(self, scenes: Sequence[str], settings: Scene, send: Send) -> None:
-        self.left = list(scenes)
-        self.settings = settings
         self._send = send
-        request = PackerRequest(do="previews", scenes=scenes, settings=settings)
-        super().__init__("lfpipe.scene.packer", attrs.asdict(request), scenes[0], SILENT_S)
+        super().__init__(PackerRequest(do="previews", scenes=scenes, settings=settings))
 
     def on_step(self, step: dict[str, Any]) -> None:
-        """Passes on a preview; other steps are for its log."""
+        """Passes on a preview."""
+        super().on_step(step)
         if "preview" in step:
-            self.left.pop(0)
+            self.request = attrs.evolve(self.request, scenes=self.request.scenes[1:])
             self._send({"cmd": "preview", "scene": step["preview"], "data": step["data"]})
 
 
@@ -212,7 +209,7 @@ class ScenePreviews(Service):
         if reader is not None:
             reader.read()
             if reader.done:
-                self.begin(reader.left[1:], reader.settings)
+                self.begin(reader.request.scenes[1:], reader.request.settings)
 
     def close(self) -> None:
         """Ends the child."""

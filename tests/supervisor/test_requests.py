@@ -117,6 +117,21 @@ REFUSED: list[tuple[str, Message, str, list[Message]]] = [
     ("keep", {}, "out of range", [{"section": "render", "values": {"alpha_px": -1}}]),
     ("keep", {}, "depth is", [{"depth": "perhaps"}, {"depth": None}, {"depth": []}]),
     ("keep", {"scene": None}, "depth is", [{"depth": "yes"}]),
+    (
+        "costs",
+        {},
+        "costs needs",
+        [
+            {"ns_per_px": {"warp": 7.0}, "picture_px": 9, "cores": 2} | wrong
+            for wrong in (
+                {"ns_per_px": {"warp": True}},
+                {"picture_px": True},
+                {"cores": 0},
+                {"cores": float("inf")},
+                {"ns_per_px": [7.0]},
+            )
+        ],
+    ),
     ("dialog", {}, "needs `folder`", [{}, {"folder": 1}]),
 ]
 
