@@ -1,10 +1,11 @@
 """The structure of picture files, read before any decoder sees them: whether a picture is whole,
 whatever follows it, and how much work it claims. Decoders take as long as a file wants.
 
-JPEG: ITU T.81, annex B; PNG: W3C; GIF89a; TIFF 6.0 and BigTIFF; AVIF: ISO/IEC 14496-12, 23008-12
-(boxes and items), AV1 specification 5.5 (sequence header).
+JPEG: ITU T.81, annex B; PNG: W3C; GIF89a; TIFF 6.0 and BigTIFF; WebP: RFC 9649; AVIF and HEIF:
+ISO/IEC 14496-12, 23008-12 (boxes and items), AV1 specification 5.5 (sequence header).
 """
 
+import contextlib
 import re
 import struct
 from collections.abc import Iterator
@@ -17,9 +18,20 @@ MAX_SCANS = 100
 MAX_PICTURES = 4096  # in one file: 64x64 views
 MAX_PARTS = 1 << 17  # chunks or segments: of a PNG, 8 kB each, of the largest picture; a second
 _WINDOW = 1 << 20
+_BOXES = (b"ftyp", b"meta", b"mdat", b"moov", b"free", b"skip", b"uuid", b"mpvd")
+_ENDLESS = 1 << 63  # no file is as large
 _MAX_SCAN_BYTES = 1 << 29  # twice the largest decoded picture
 _JPEG_MARKER = re.compile(rb"\xff[\x01-\xcf\xd8-\xfe]")  # none of fill, stuffed zeros or restarts
+# the heads of other files; of a JPEG in group 1, because one may be part of a picture's metadata
+_HEAD = (
+    rb"(\xff\xd8\xff[\xdb-\xef])|\x89PNG\r\n\x1a\n|GIF8[79]a|RIFF....(?:WEBP|AVI )"
+    rb"|\0\0..ftyp[\w ]{4}"
+)
+_HEAD_BYTES = 16
+_PNM = re.compile(rb"P([56])\s+(?:#.*\s+)*(\d+)\s+(?:#.*\s+)*(\d+)\s+(?:#.*\s+)*(\d+)\s")
 _TIFF_ORIENTATION = 0x0112
+_TIFF_PIXELS = ((273, 279), (324, 325))  # offsets and lengths of strips, of tiles
+_TIFF_NUMBERS = {3: "H", 4: "I", 16: "Q"}
 _TIFF_BYTES = (0, 1, 1, 2, 4, 8, 1, 1, 2, 4, 8, 4, 8, 4, 0, 0, 8, 8, 8)  # of a value, by type
 _MANY_PARTS = f"more than {MAX_PARTS} parts; at most {MAX_PARTS} are read"
 
@@ -62,8 +74,21 @@ def examine(file: IO[bytes]) -> Structure:
             return _tiff(file, start)
         if start.startswith(b"GIF8"):
             return Structure(pictures=_gif_pictures(file))
-        if start[4:8] == b"ftyp" and start[8:12] in (b"avif", b"avis"):
-            return Structure(coded_px=_avif_px(file))
+        if start[4:8] == b"ftyp":
+            is_avif = start[8:12] in (b"avif", b"avis")
+            return Structure(
+                end=_checked_end(file, start, _boxes_end(file)),
+                coded_px=_avif_px(file) if is_avif else None,
+            )
+        if start.startswith(b"RIFF") and start[8:12] == b"WEBP":
+            length = int.from_bytes(start[4:8], "little")
+            return Structure(end=_checked_end(file, start, 8 + length + length % 2))
+        if start.startswith(b"BM") and (length := int.from_bytes(start[2:6], "little")):
+            return Structure(end=_checked_end(file, start, length))
+        if head := _PNM.match(start + file.read(200)):
+            kind, width, height, full = map(int, head.groups())
+            length = width * height * (3 if kind == 6 else 1) * (2 if full > 255 else 1)
+            return Structure(end=_checked_end(file, start, head.end() + length))
     except _CutError:
         return Structure(whole=False)
     return Structure()
@@ -86,8 +111,33 @@ def _limited(count: int, most: int, what: str) -> None:
         raise BeyondLimitError(f"more than {most} {what}; at most {most} are read")
 
 
-def _jpeg_end(file: IO[bytes]) -> int:
-    at = 2
+def _checked_end(file: IO[bytes], start: bytes, end: int) -> int | None:
+    """The end that a picture states, None if it lies behind that of the file: its decoder knows
+    whether it needs that. Raises _CutError if another file begins before and ends behind it.
+    """
+    size = file.seek(0, 2)
+    if size < end:
+        return None
+    head = re.compile(re.escape(start[:12]) + b"|" + _HEAD, re.DOTALL)
+    for at in range(_HEAD_BYTES, end if size > end else 0, _WINDOW):
+        file.seek(at)
+        for found in head.finditer(file.read(_WINDOW + _HEAD_BYTES)):
+            begin = at + found.start()
+            if begin < end and (found[1] is None or _ends_behind(file, begin, end)):
+                raise _CutError
+    return end
+
+
+def _ends_behind(file: IO[bytes], begin: int, end: int) -> bool:
+    """Whether a JPEG begins there, and ends behind a place."""
+    try:
+        return _jpeg_end(file, begin) > end
+    except (_CutError, BeyondLimitError):
+        return False
+
+
+def _jpeg_end(file: IO[bytes], begin: int = 0) -> int:
+    at = begin + 2
     scans = 0
     for _ in range(MAX_PARTS):
         marker, at = _next_marker(file, at, coded=scans > 0)
@@ -149,6 +199,7 @@ def _tiff(file: IO[bytes], start: bytes) -> Structure:
     )
     _limited(values, size, "bytes in tags")  # each would be read on its own
     turn = next((k for k, entry in enumerate(entries) if entry[0] == _TIFF_ORIENTATION), None)
+    _checked_end(file, start, _tiff_end(file, order, entries))
     pictures = 0
     while at:
         pictures += 1
@@ -163,6 +214,23 @@ def _tiff(file: IO[bytes], start: bytes) -> Structure:
     return Structure(
         pictures=pictures, orientation_at=None if turn is None else value + turn * entry_bytes
     )
+
+
+def _tiff_end(file: IO[bytes], order: str, entries: list[tuple[Any, ...]]) -> int:
+    """Where the pixels of a TIFF's first picture end; 0 if unknown."""
+    values: dict[int, tuple[int, ...]] = {}
+    for tag, kind, number, raw in entries:
+        if any(tag in pair for pair in _TIFF_PIXELS) and kind in _TIFF_NUMBERS:
+            length = _TIFF_BYTES[kind] * number
+            at = struct.unpack(f"{order}{'IQ'[len(raw) // 8]}", raw)[0]
+            data = raw[:length] if length <= len(raw) else _read(file, at, length)
+            values[tag] = struct.unpack(f"{order}{number}{_TIFF_NUMBERS[kind]}", data)
+    ends = (
+        at + length
+        for place, count in _TIFF_PIXELS
+        for at, length in zip(values.get(place, ()), values.get(count, ()), strict=False)
+    )
+    return max(ends, default=0)
 
 
 def _gif_pictures(file: IO[bytes]) -> int:
@@ -204,6 +272,18 @@ def _boxes(file: IO[bytes], at: int, end: int) -> Iterator[tuple[bytes, int, int
             return
         yield kind, at + head, min(at + size, end)
         at += size
+
+
+def _boxes_end(file: IO[bytes]) -> int:
+    """The end that the last box states, before another file or none."""
+    size = file.seek(0, 2)
+    last = 0
+    with contextlib.suppress(_CutError):
+        for kind, _, end in _boxes(file, 0, _ENDLESS):
+            if kind not in _BOXES or (last and kind == b"ftyp"):
+                break
+            last = size if end == _ENDLESS else end
+    return last
 
 
 def _avif_px(file: IO[bytes]) -> int | None:

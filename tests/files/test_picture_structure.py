@@ -112,6 +112,56 @@ def test_the_end_of_a_jpeg_is_that_of_its_structure(cut: float, progressive: int
         assert not examine(io.BytesIO(part + data)).whole
 
 
+def encoded(kind: str, **options: object) -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(NOISE).save(file, kind, **options)
+    return file.getvalue()
+
+
+def with_thumbnail(kind: str) -> bytes:
+    """A picture whose metadata holds a whole JPEG."""
+    return encoded(kind, exif=b"Exif\0\0II*\0\x08\0\0\0\0\0\0\0\0\0" + encoded("JPEG"))
+
+
+WHOLE = {
+    "BMP": encoded("BMP"),
+    "PPM": encoded("PPM"),
+    "PPM of 16 bits with a comment": b"P5 # made\n64 48 65535\n" + NOISE.tobytes()[: 64 * 48 * 2],
+    "TIFF": encoded("TIFF"),
+    "TIFF, compressed": encoded("TIFF", compression="tiff_lzw"),
+    "TIFF, by OpenCV": cv2.imencode(".tiff", NOISE)[1].tobytes(),
+    "WebP": encoded("WEBP"),
+    "WebP with a thumbnail": with_thumbnail("WEBP"),
+    "AVIF": encoded("AVIF"),
+    "AVIF with a thumbnail": with_thumbnail("AVIF"),
+}
+BEHIND = {
+    "a JPEG": encoded("JPEG"),
+    "a PNG": encoded("PNG"),
+    "a video": b"\0\0\0\x18ftypmp42" + NOISE.tobytes(),
+}
+
+
+@pytest.mark.parametrize("behind", [*BEHIND, "the same once more"])
+@pytest.mark.parametrize("kind", WHOLE)
+def test_a_cut_picture_is_refused_whatever_follows_it(
+    tmp_path: Path, kind: str, behind: str
+) -> None:
+    """A whole one is opened, and what is behind it is named where its format tells its end."""
+    data = WHOLE[kind]
+    other = BEHIND.get(behind, data)
+    path = tmp_path / "x.png"
+    path.write_bytes(data)
+    alone, _ = read_picture(path)
+    path.write_bytes(data + other)
+    np.testing.assert_array_equal(read_picture(path)[0], alone)
+    assert bool(open_header(path).beside) is not kind.startswith("TIFF")
+    for left in (0.5, 0.9, 0.99):
+        path.write_bytes(data[: int(left * len(data))] + other)
+        with pytest.raises(UserError, match=r"x\.png"):
+            read_picture(path)
+
+
 @pytest.mark.parametrize("size", [(8192, 8192), (6000, 6000), (700, 500)])
 def test_an_avif_larger_than_its_coded_data_is_refused_undecoded(
     tmp_path: Path, size: tuple[int, int], monkeypatch: pytest.MonkeyPatch
