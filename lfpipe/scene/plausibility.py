@@ -43,9 +43,9 @@ _CLOSING = 2.0  # step from the last view to the first over the median step
 # minimum correlation of a matched block, and its lead over the second-best position
 _FOUND, _LEADS = 0.75, 0.08
 _FEWEST_BLOCKS, _MISSED = 6, 0.4  # matched blocks; share of them that the flow misses
-# of one background: px by which its motion differs, and share of all detail beside it; share of a
-# block's detail that must be seen again
-_ALIKE_PX, _BESIDE, _SEEN = 3.0, 0.15, 0.3
+# of one background: px by which the motion of half of it differs, below that of neighbours in light
+# fields; share of all detail beside it; share of a block's detail that must be seen again
+_ALIKE_PX, _BESIDE, _SEEN = 1.0, 0.15, 0.3
 _LEVEL = 0.01  # deviation of blocks across the line of cameras, in heights of the picture
 
 
@@ -54,7 +54,7 @@ class Motion:
     """Motion between two views, px at the edge of the picture."""
 
     parallax_px: float
-    depth_px: float  # of parallax: what is left without a shift, turn and zoom
+    depth_px: float  # left without a shift, turn and zoom, in the middle half of all detail
     size_px: float  # of growing or shrinking
     directed: bool  # whether most of it is along one line
 
@@ -89,22 +89,24 @@ def _motion(a: Grey, b: Grey) -> Motion | None:
         for k, axis in enumerate(values.reshape(2, -1))
     )
     # along x and y; a fit that increases the motion is ignored
-    left_px = np.minimum(_spread_px(values), _spread_px(values - matrix @ fit))
+    left_px, depth_px = (
+        np.minimum(_spread_px(values, share), _spread_px(values - matrix @ fit, share))
+        for share in (5, 25)
+    )
     shift_px = float(np.hypot(*fit[:2]))
     crosswise = left_px.min() > _STILL_PX and left_px.max() < _ROUND * left_px.min() > 2 * shift_px
     return Motion(
         parallax_px=max(shift_px, float(left_px.max())),
-        depth_px=float(left_px.max()),
+        depth_px=float(depth_px.max()),
         size_px=min(abs(wider), abs(taller)) if wider * taller > 0 else 0.0,
         directed=not crosswise,
     )
 
 
-def _spread_px(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The spread of a motion (all x before all y), by axis."""
-    return np.asarray(
-        np.ptp(np.percentile(values.reshape(2, -1), (5, 95), axis=1), axis=0), np.float64
-    )
+def _spread_px(values: NDArray[np.float64], share: int) -> NDArray[np.float64]:
+    """The spread of a motion (all x before all y), by axis, without a share (%) at both ends."""
+    ends = np.percentile(values.reshape(2, -1), (share, 100 - share), axis=1)
+    return np.asarray(np.ptp(ends, axis=0), np.float64)
 
 
 def _change(views: list[Grey]) -> str:
@@ -150,6 +152,13 @@ def _found(a: Grey, b: Grey, y: int, x: int, side: int) -> tuple[int, int] | Non
     return (top + down, across) if clear else None
 
 
+def _found_back(a: Grey, b: Grey, y: int, x: int, side: int) -> tuple[int, int] | None:
+    """As `_found`, if the block there is found at (y, x) in turn."""
+    there = _found(a, b, y, x, side)
+    back = there and _found(b, a, *there, side)
+    return there if back and max(abs(back[0] - y), abs(back[1] - x)) <= 2 else None
+
+
 def _blocks(a: Grey, b: Grey, ahead: FloatMap) -> tuple[float, float] | None:
     """The range of motion along x, in shares of the width, of blocks of a that are matched in b and
     back, but that the flow misses; None if the flow finds them, or they are not in b: they move
@@ -162,9 +171,8 @@ def _blocks(a: Grey, b: Grey, ahead: FloatMap) -> tuple[float, float] | None:
         for x in np.linspace(0, width - side, 8).astype(int).tolist():
             if a[y : y + side, x : x + side].std() <= 8:
                 continue
-            there = _found(a, b, y, x, side)
-            back = there and _found(b, a, *there, side)
-            if not there or not back or max(abs(back[0] - y), abs(back[1] - x)) > 2:
+            there = _found_back(a, b, y, x, side)
+            if there is None:
                 lost.append(x)
                 continue
             move = float(there[1] - x)
@@ -173,10 +181,11 @@ def _blocks(a: Grey, b: Grey, ahead: FloatMap) -> tuple[float, float] | None:
             missed.append(abs(flowed - move) > max(2.0, 0.2 * abs(move)))
     if len(moves) < _FEWEST_BLOCKS or np.mean(missed) < _MISSED:
         return None
-    (low, top), (middle, _), (high, bottom) = np.percentile(moves, (5, 50, 95), axis=0).tolist()
+    spread = np.percentile(moves, (5, 25, 50, 75, 95), axis=0).tolist()
+    (low, top), (less, _), (middle, _), (more, _), (high, bottom) = spread
     beside = sum(0 <= x + middle <= width - side for x in lost)
     if bottom - top > max(2.0, _LEVEL * height) or (
-        high - low < _ALIKE_PX and beside > _BESIDE * (beside + len(moves))
+        more - less < _ALIKE_PX and beside > _BESIDE * (beside + len(moves))
     ):
         return None
     return low / width, high / width
@@ -192,9 +201,12 @@ def _one_background(a: Grey, b: Grey, confirmed: Mask) -> bool:
         cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA)
         for mask in (detail, detail & confirmed)
     )
+    if motion is None or motion.depth_px >= _ALIKE_PX:
+        return False
     use = share > share.mean() / 4
-    lost = float((seen[use] < _SEEN * share[use]).mean()) if use.any() else 0.0
-    return motion is not None and motion.depth_px < _ALIKE_PX and lost > _BESIDE
+    unseen = np.argwhere(use & (seen < _SEEN * share))
+    lost = [1 for y, x in (unseen * side).tolist() if _found_back(a, b, y, x, side) is None]
+    return len(lost) > _BESIDE * int(np.count_nonzero(use))
 
 
 def _pair(a: Grey, b: Grey) -> Measurements:
@@ -204,13 +216,16 @@ def _pair(a: Grey, b: Grey) -> Measurements:
     ahead, confirmed = returned_flow(a, b)
     detail = textured(a)
     explained = float(confirmed[detail].mean()) if detail.any() else 1.0
+    missed_motion = _blocks(a, b, ahead) if explained < EXPLAINED else None
+    change = _change([a, b])
+    if not change and missed_motion is None and _one_background(a, b, confirmed):
+        change = "half of what they show stays in place, and other parts differ"
     return Measurements(
         held_out_db=cv2.PSNR(displaced(b, ahead), a),
         explained=explained,
-        change=_change([a, b])
-        or "they show different things before one background" * _one_background(a, b, confirmed),
+        change=change,
         moved_px=_moved_px(detail, ahead, confirmed),
-        missed_motion=_blocks(a, b, ahead) if explained < EXPLAINED else None,
+        missed_motion=missed_motion,
     )
 
 

@@ -118,13 +118,16 @@ NO_LIGHT_FIELDS = {
     )[None],
     **{
         f"refocused pair, {a} and {b}": made.refocused(np.array([a, b]))
-        for a, b in ((-2.0, 0.0), (0.0, 1.0), (-1.5, 2.0), (-1.5, 0.5))
+        for a, b in ((-2.0, 0.0), (0.0, 1.0), (-1.5, 2.0), (-1.5, 0.5), (-0.5, 0.5), (-1.0, 1.0))
     },
     **{
-        f"two people before one skyline, {shift} px": np.stack(
-            [before_a_skyline(person, 10 + shift * (person - 5)) for person in (5, 6)]
+        f"people {first} and {first + 1} before one skyline, {shift} px": np.stack(
+            [before_a_skyline(first, 10), before_a_skyline(first + 1, 10 + shift)]
         )[None]
-        for shift in (0, 4, 20, 60)
+        for first, shift in (
+            *((5, 0), (5, 4), (6, 20), (5, 60)),
+            *((12, 2), (14, 20), (10, 40), (7, 60)),  # flow follows some of one's dots to the other
+        )
     },
     "focal stack of two": focal_stack(9)[:, ::8],
     "refocused and sharp": np.stack([SHARP, made.refocused(np.array([1.0]))[0, 0]])[None],
@@ -167,6 +170,12 @@ LIGHT_FIELDS = {
     # found again, by flow or by blocks, however far apart
     **{
         f"a pair, {px} px": made.views(1, 2, 192, 256, px, -px / 2) for px in (2.0, 8.0, 16.0, 24.0)
+    },
+    **{
+        f"person {person} before a skyline, {shift} px": np.stack(
+            [before_a_skyline(person, 10), before_a_skyline(person, 10 + shift)]
+        )[None]
+        for person, shift in ((5, 4), (8, 20), (5, 40))
     },
     **{f"ends where it began, {px} px": ends_where_it_began(px) for px in range(3)},
     "held by hand": held_by_hand(made.views(3, 5, 144, 192)),
