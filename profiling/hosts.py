@@ -1,5 +1,5 @@
-"""What runs under which Python: every module imported, the tests of the transport, the demo, and
-one recording replayed.
+"""What runs under which Python: every module imported, the tests of the transport and of commands
+interrupted inside native code, the demo, and one recording replayed.
 
     python -m profiling.hosts            # each Python found here; writes profiling/results/hosts.md
     python -m profiling.hosts --short    # a minute; prints the table only
@@ -38,7 +38,8 @@ from pathlib import Path
 from tests.replay.conftest import make_sequence
 make_sequence(Path(sys.argv[1]), int(sys.argv[2]))
 """
-COLUMNS = ("Python", "modules imported", "tests of the transport", "demo", "replay", "seconds")
+INTERRUPTED = "tests/cli/test_signals.py::test_command_is_interrupted_inside_native_code"
+COLUMNS = ("Python", "modules imported", "transport and interrupts", "demo", "replay", "seconds")
 ELSEWHERE = """
 | machine | state |
 |---|---|
@@ -114,7 +115,8 @@ def transport(one: Interpreter, short: bool) -> str:
     if short and one.own:
         return "in the suite"
     options = ("-o", "addopts=", "-q", "-W", "ignore", "-p", "no:cacheprovider")
-    output = one.run("-m", "pytest", "--rootdir", ROOT, ROOT / "tests" / "transport", *options)
+    tests = ROOT / "tests" / "transport", f"{ROOT}/{INTERRUPTED}"
+    output = one.run("-m", "pytest", "--rootdir", ROOT, *tests, *options)
     return output.splitlines()[-1].strip("= ").partition(" in ")[0]
 
 
