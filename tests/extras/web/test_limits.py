@@ -2,6 +2,8 @@
 bytes.
 """
 
+import asyncio
+import errno
 import itertools
 import json
 import resource
@@ -15,8 +17,11 @@ import psutil
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from tornado.iostream import IOStream
+from tornado.web import Application
 
 from lfpipe.extras.web.server import MAX_STRANGERS, MAX_STREAMS
+from lfpipe.extras.web.server import Server as PageServer
 from lfpipe.host.limits import allow_files
 from lfpipe.host.segment import PREFIX
 from tests.extras.web.server import Server, served
@@ -166,6 +171,46 @@ def test_a_request_behind_thousands_of_idle_connections_is_answered(live_server:
         assert asked.recv(12) == b"HTTP/1.1 403"
         after = process.cpu_times()
     assert after.user + after.system - before.user - before.system < 1
+
+
+def test_where_no_descriptor_is_free_the_oldest_connection_makes_room(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Accepting goes on after BACK_OFF_S, and one line is logged for all tries."""
+    tries = 0
+
+    class Full(socket.socket):
+        def accept(self) -> Any:
+            nonlocal tries
+            tries += 1
+            raise OSError(errno.EMFILE, "Too many open files")
+
+    async def serves() -> None:
+        page = PageServer(Application())
+        with (
+            Full() as listener,
+            socket.create_server(("127.0.0.1", 0)) as other,
+            ExitStack() as all_,
+        ):
+            ends = [
+                all_.enter_context(socket.create_connection(other.getsockname())) for _ in range(20)
+            ]
+            for end in ends:
+                stream = IOStream(all_.enter_context(other.accept()[0]))
+                page._strangers[stream] = "busy" if end is not ends[0] else "quiet"
+            listener.bind(("127.0.0.1", 0))
+            listener.listen()
+            page.add_sockets([listener])
+            with socket.create_connection(listener.getsockname()):
+                while tries < 2:
+                    await asyncio.sleep(0.01)
+            page.stop()
+            left = [*page._strangers.values()]
+            assert left[0] == "quiet" and len(left) <= 18 and ends[1].recv(1) == b""
+
+    monkeypatch.setattr("lfpipe.extras.web.server.BACK_OFF_S", 0.01)
+    asyncio.run(asyncio.wait_for(serves(), 60))
+    assert len([one for one in caplog.records if "Too many open files" in one.message]) == 1
 
 
 @contextmanager
