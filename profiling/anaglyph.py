@@ -1,5 +1,5 @@
 """What both eyes see of each anaglyph encoding through simulated glasses: the table of
-docs/glasses.md. Fused colour, retinal rivalry, and ghosts, on three views of the demo's scene.
+docs/figures.md. Fused colour, retinal rivalry, and ghosts, on three views of the demo's scene.
 
 `python -m profiling.anaglyph`. Crosstalk follows Woods (2012): leaking luminance over signal
 luminance.

@@ -82,13 +82,16 @@ def test_docs_links_and_files_exist() -> None:
             )
 
 
-WRITTEN_BY_HAND = 16_950  # words: as `wc -w` counts them
+WRITTEN_BY_HAND = 14_600  # words, with a letter or a digit; goal: 14,000
 GENERATED = ("commands.md", "configuration.md", "reference.md")
 
 
 def test_docs_stay_short() -> None:
     pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
-    words = {page.name: len(page.read_text().split()) for page in pages}
+    words = {
+        page.name: sum(any(map(str.isalnum, word)) for word in page.read_text().split())
+        for page in pages
+    }
     assert sum(words[name] for name in words if name not in GENERATED) <= WRITTEN_BY_HAND
 
 
