@@ -1,10 +1,10 @@
-"""The pictures of README and docs/: look_around.gif, live.webp, monitor.svg, page.png, window.png
+"""The pictures of README and docs/: look_around.webp, live.webp, monitor.svg, page.png, window.png
 and timeline.svg; and the window's thumbnails of the demo's scenes.
 
     uv run python -m tools.make_docs_pictures [--out docs] [NAME ...]
 
-animation: left the red/cyan picture of the demo's scene, right what both eyes fuse it to; below,
-the head moves.
+animation: the red/cyan picture of the demo's scene, what the glasses show of it, and what the
+paper's method shows, by their measured lags; below, the head moves.
 live: a moving scene, whose two views and disparity are those of a session, through the red and
 through the cyan filter, from two places of the head.
 monitor: the terminal and the page (which needs chromium and chromedriver) of a running demo.
@@ -31,7 +31,7 @@ import cv2
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
-from PIL import Image, ImageDraw
+from PIL import Image, ImageDraw, ImageFont
 from rich.console import Console
 
 import lfpipe
@@ -41,6 +41,7 @@ from lfpipe.live.field import LiveViews
 from lfpipe.live.records import disparity_dtype, pairs_in_need, views_of
 from lfpipe.monitor.monitor import screen_text
 from lfpipe.monitor.session_reader import Follower
+from lfpipe.render.display.window_system import FONT
 from lfpipe.render.ui.scenes import THUMBNAILS
 from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import NAMES, SIZE_PX, demo_scene
@@ -51,11 +52,13 @@ from tests.support.browser import Browser, missing
 from tests.support.world import World, private_world
 from tests.support.xvfb_screen import Screen, x_server
 
-# of the animation: two seconds for a head to go and come back, as people do
-FRAMES, STEP_MS = 20, 100
-# width of a panel, height of the floor with the head: together small enough for under 1 MB
-PANEL_PX, FLOOR_PX = 300, 64
-COLOURS = 80  # of the palette: more are not seen in a picture of this size
+# of the animation: a head goes and comes back, as people do; three panels, the floor with the head
+PERIOD_S, LOOK_STEP_MS, LOOK_QUALITY = 2.4, 60, 62
+LOOK_PX, GAP_PX, FLOOR_PX, HEAD_PX = 392, 12, 140, 104
+WIDTH_PX = 3 * LOOK_PX + 2 * GAP_PX
+LAG_S = {"lfpipe": 0.039, "paper": 0.123}  # docs/figures.md
+# of the live scene: milliseconds between frames, width of a panel
+STEP_MS, PANEL_PX = 100, 300
 # of the live scene: frames, seconds from its first to its last moment, columns of the demo's grid
 # that its two cameras stand at, and columns of both eyes, from the first camera to the second
 LIVE_FRAMES, LIVE_S, LIVE_COLS, LIVE_QUALITY, LABEL_PX = 30, 3.0, (-1.0, 1.0), 50, 22
@@ -63,7 +66,7 @@ HEADS = {"left": (-0.5, 0.1), "right": (0.9, 1.5)}
 FILTERS = {"red": (0, 0, 1), "cyan": (1, 1, 0)}  # channels that pass, BGR
 INK = (87, 96, 106)
 FLOOR = (246, 248, 250)
-SKIN = (241, 212, 184)
+SKIN, SHADE, HAIR = (241, 212, 184), (222, 186, 154), (78, 58, 46)
 RED = (216, 52, 59)
 CYAN = (0, 165, 181)
 SIDE_PX, WINDOW_COLOURS, THUMBNAIL_PX = 320, 160, 320
@@ -88,49 +91,89 @@ STAMPS = (
 SETTLED, DEVICE_LATENCY_MS = 60, 45.0
 
 
-def panel(picture: np.ndarray) -> Image.Image:
+def panel(picture: np.ndarray, width_px: int = PANEL_PX) -> Image.Image:
     """A BGR picture at the width of a panel."""
-    height = round(picture.shape[0] * PANEL_PX / picture.shape[1])
+    height = round(picture.shape[0] * width_px / picture.shape[1])
     return Image.fromarray(
-        cv2.resize(picture, (PANEL_PX, height), interpolation=cv2.INTER_AREA)[..., ::-1]
+        cv2.resize(picture, (width_px, height), interpolation=cv2.INTER_AREA)[..., ::-1]
     )
 
 
-def frame(field: lfpipe.LightField, phase: float) -> Image.Image:
-    """One picture of the animation. phase: 0 to 1, once from side to side and back."""
-    turn = math.sin(2 * math.pi * phase)
+def head(size_px: int) -> Image.Image:
+    """A face with red/cyan glasses, seen from the screen, with transparency."""
+    unit = 4 * size_px / 100  # drawn four times as large, for smooth edges
+    picture = Image.new("RGBA", (4 * size_px, 4 * size_px))
+    draw = ImageDraw.Draw(picture)
+
+    def box(x0: float, y0: float, x1: float, y1: float) -> tuple[float, float, float, float]:
+        return x0 * unit, y0 * unit, x1 * unit, y1 * unit
+
+    draw.ellipse(box(18, 2, 82, 74), fill=HAIR)
+    for x in (16, 74):
+        draw.ellipse(box(x, 40, x + 10, 60), fill=SHADE)  # ears
+    draw.ellipse(box(22, 10, 78, 96), fill=SKIN)
+    draw.pieslice(box(20, 4, 80, 58), 180, 360, fill=HAIR)
+    draw.polygon(
+        [(47 * unit, 62 * unit), (50 * unit, 46 * unit), (53 * unit, 62 * unit)], fill=SHADE
+    )
+    draw.arc(box(38, 62, 62, 80), 25, 155, fill=INK, width=round(2 * unit))  # mouth
+    draw.rectangle(box(22, 40, 78, 43), fill=INK)  # of the glasses
+    # seen from the front, the viewer's left eye is on the right
+    for x, colour in ((27, CYAN), (53, RED)):
+        draw.rounded_rectangle(
+            box(x, 39, x + 20, 53), 3 * unit, fill=colour, outline=INK, width=round(1.6 * unit)
+        )
+    return picture.resize((size_px, size_px), Image.Resampling.LANCZOS)
+
+
+def frame(field: lfpipe.LightField, t_s: float) -> Image.Image:
+    """One picture of the animation at a time: the screen, what lfpipe shows through the glasses,
+    and what the paper's method shows.
+    """
+
+    def turn(at_s: float) -> float:
+        return math.sin(2 * math.pi * at_s / PERIOD_S)
+
+    def col(at_s: float) -> float:
+        return (field.cols - 1) / 2 + ((field.cols - 1) / 2 - 1) * turn(at_s)
+
     row = (field.rows - 1) / 2
-    col = (field.cols - 1) / 2 + ((field.cols - 1) / 2 - 1) * turn
-    screen = panel(lfpipe.render_anaglyph(field, (row, col - 1.0), (row, col + 1.0)))
-    canvas = Image.new("RGB", (2 * PANEL_PX + 12, screen.height + FLOOR_PX), FLOOR)
-    canvas.paste(screen, (0, 0))
-    canvas.paste(panel(lfpipe.render_view(field, row, col)), (PANEL_PX + 12, 0))
+    here = col(t_s - LAG_S["lfpipe"])
+    late = col(t_s - LAG_S["paper"])
+    shown = {
+        "on the screen": lfpipe.render_anaglyph(field, (row, here - 1.0), (row, here + 1.0)),
+        "through the glasses, by lfpipe": lfpipe.render_view(field, row, here),
+        "by the paper's method": lfpipe.render_view(field, row, late, method="nearest"),
+    }
+    canvas = Image.new("RGB", (WIDTH_PX, LOOK_PX + FLOOR_PX), FLOOR)
     draw = ImageDraw.Draw(canvas)
-    for left, text in ((0, "on the screen"), (PANEL_PX + 12, "through the glasses")):
-        draw.text((left + 6, screen.height + FLOOR_PX - 16), text, fill=INK)
-    # the head from above, the nose towards the screen
-    x, y = PANEL_PX / 2 + 0.3 * PANEL_PX * turn, screen.height + 26
-    draw.ellipse((x - 22, y - 14, x + 22, y + 22), fill=SKIN)
-    draw.polygon([(x - 4, y - 13), (x, y - 19), (x + 4, y - 13)], fill=SKIN)
-    draw.rectangle((x - 20, y - 13, x - 4, y - 8), fill=RED)
-    draw.rectangle((x + 4, y - 13, x + 20, y - 8), fill=CYAN)
+    letters = ImageFont.truetype(str(FONT), 17)
+    for k, (text, picture) in enumerate(shown.items()):
+        x = k * (LOOK_PX + GAP_PX)
+        canvas.paste(panel(picture, LOOK_PX), (x, 0))
+        draw.text((x + 4, LOOK_PX + 8), text, fill=INK, font=letters)
+    face = head(HEAD_PX)
+    x = round(WIDTH_PX / 2 - 0.3 * WIDTH_PX * turn(t_s) - HEAD_PX / 2)  # a mirror of the viewer
+    canvas.paste(face, (x, LOOK_PX + FLOOR_PX - HEAD_PX - 2), face)
     return canvas
 
 
 def animation(out: Path) -> None:
     field = lfpipe.open_scene()
-    sample = frame(field, 0.0)
-    # small areas, which a palette by frequency leaves out
-    for index, colour in enumerate((SKIN, RED, CYAN, INK)):
-        sample.paste(colour, (index * 60, sample.height - FLOOR_PX, index * 60 + 60, sample.height))
-    palette = sample.quantize(COLOURS)
-    pictures = [
-        frame(field, index / FRAMES).quantize(palette=palette, dither=Image.Dither.NONE)
-        for index in range(FRAMES)
-    ]
-    path = out / "look_around.gif"
+    count = round(PERIOD_S * 1e3 / LOOK_STEP_MS)
+    pictures = [frame(field, index * LOOK_STEP_MS / 1e3) for index in range(count)]
+    _save_film(pictures, out / "look_around.webp", LOOK_STEP_MS, LOOK_QUALITY)
+
+
+def _save_film(pictures: Sequence[Image.Image], path: Path, step_ms: int, quality: int) -> None:
     pictures[0].save(
-        path, save_all=True, append_images=pictures[1:], duration=STEP_MS, loop=0, optimize=True
+        path,
+        save_all=True,
+        append_images=pictures[1:],
+        duration=step_ms,
+        loop=0,
+        quality=quality,
+        method=6,
     )
 
 
@@ -164,15 +207,7 @@ def live_frames(phases: Sequence[float]) -> Iterator[Image.Image]:
 
 def live(out: Path) -> None:
     pictures = list(live_frames([index / LIVE_FRAMES for index in range(LIVE_FRAMES)]))
-    pictures[0].save(
-        out / "live.webp",
-        save_all=True,
-        append_images=pictures[1:],
-        duration=STEP_MS,
-        loop=0,
-        quality=LIVE_QUALITY,
-        method=6,
-    )
+    _save_film(pictures, out / "live.webp", STEP_MS, LIVE_QUALITY)
 
 
 def started(world: World, *words: str, **env: str) -> "subprocess.Popen[bytes]":
