@@ -55,7 +55,10 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
     if not has_face_mesh():
         engines.remove("mediapipe")
         yield "engine mediapipe: no FaceMesh is installed"
-    for name, refine, width in itertools.product(engines, (False, True), widths):
+    refined = [(name, refine) for name in engines for refine in (False, True)]
+    for (name, refine), width in itertools.product(refined, widths):
+        if refine and name != "mediapipe":
+            continue
         size = (width, round(height_px * width / width_px))
         track = Track(engine=name, refine=refine)  # type: ignore[arg-type]
         yield Variant(

@@ -9,7 +9,6 @@ levels are the lower hull of error against time. The current level is part of th
 The configuration itself never changes.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -28,25 +27,12 @@ THREAD_PX = (
 MIN_HZ = 25.0  # at lower rates the picture flickers whenever the head moves
 
 
-def method_in_use(
-    setting: str, scene_method: str, has_disparity: bool, scores: Mapping[str, float]
-) -> str:
+def method_in_use(setting: str, scene_method: str, has_disparity: bool) -> str:
     """The method used for render.method = setting in a scene: `auto` is the scene's own; without
     disparity, nothing is warped.
-
-    scores: PSNR in dB of each method on held-out views. For noisy views with little depth, a
-    cross-fade scores best, because it averages the noise. A warp that scores worse is never used,
-    even on request.
     """
     method = scene_method if setting == "auto" else setting
-    if method not in WARPS:
-        return method
-    if not has_disparity:
-        return "nearest"
-    worse = scene_method not in WARPS and scores.get(scene_method, -math.inf) > scores.get(
-        method, math.inf
-    )
-    return scene_method if worse else method
+    return "nearest" if method in WARPS and not has_disparity else method
 
 
 def thread_count(picture_px: float, cores: int) -> int:
@@ -111,7 +97,7 @@ def quality_levels(config: Config, options: SessionOptions) -> tuple[QualityLeve
     scene = options.scene
     if scene is None or (scene.frames == 1 and not scene.needs_eyes):  # drawn once
         return (QualityLevel(method=config.render.method, rate_hz=config.render.nominal_hz),)
-    method = method_in_use(config.render.method, scene.method, scene.has_disparity, scene.scores)
+    method = method_in_use(config.render.method, scene.method, scene.has_disparity)
     costs = options.costs.ns_per_px if options.costs else {}
     steps: list[tuple[str, dict[str, Any]]] = (
         [("pictures", {"disparity": 1}), ("pictures", {"disparity": 2})] if options.live else []

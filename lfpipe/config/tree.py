@@ -191,7 +191,7 @@ class Track:
         doc="filter of the eye positions; mean is the paper's",
     )
     mean_k: int = key(5, "frames", 1, 1000, live=True, doc="frames averaged by filter = mean")
-    refine: bool = key(False, doc="refine the eye centres by the iris network")
+    refine: bool = key(False, doc="mediapipe: refine the eye centres by the iris network")
 
 
 @attrs.frozen(kw_only=True)

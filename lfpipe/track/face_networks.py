@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lfpipe.track.detector import FULL, Detection, Detector
 from lfpipe.track.engine import Face
-from lfpipe.track.landmarks import Irises, eye_points
+from lfpipe.track.landmarks import eye_points
 from lfpipe.track.network import Network, Roi, around, model_file, portable_warp, warp
 
 SIZE_PX = 192  # side of the landmark network's picture
@@ -45,18 +45,16 @@ class FaceNetworks(Protocol):
 class LitertNetworks:
     """Networks of the mediapipe wheel.
 
-    refine: eye centres are those of the irises, at the cost of two small networks. portable: bit-
-    identical eyes in every version of OpenCV, at the cost of 0.14 ms. Raises UserError
-    if network files are missing or have another version.
+    portable: bit-identical eyes in every version of OpenCV, at the cost of 0.14 ms. Raises
+    UserError if network files are missing or have another version.
     """
 
-    def __init__(self, refine: bool = False, portable: bool = False) -> None:
+    def __init__(self, portable: bool = False) -> None:
         self._warp = portable_warp if portable else warp
         self._landmarks = Network(
             model_file("modules/face_landmark/face_landmark.tflite"), SIZE_PX, (POINTS * 3, 1)
         )
-        self._irises = Irises(self._warp) if refine else None
-        self.model = self._landmarks.name + (f" + {self._irises.model}" if self._irises else "")
+        self.model = self._landmarks.name
         self.detect = Detector(warp=self._warp).detect
 
     @cached_property
@@ -102,8 +100,6 @@ class LitertNetworks:
         if not 1.0 <= region.side_px < math.inf:
             return None
         eyes_px = np.array(((lx + x, ly + y), (rx + x, ry + y)))
-        if self._irises is not None:
-            eyes_px = self._irises.refined(image, points.T + matrix[:, 2], eyes_px, eye_distance_px)
         return Face(
             eyes_px, confidence, edges, eye_distance_px, math.degrees(region.angle), head_px
         ), region

@@ -1,5 +1,4 @@
-"""The points of the face mesh around the eyes, and the irises by MediaPipe's iris network
-(arXiv:2006.11341).
+"""The points of the face mesh around the eyes.
 
 The 468 points, and the 5 + 5 of the iris that follow them when refined, are those of MediaPipe's
 canonical face model.
@@ -7,12 +6,10 @@ canonical face model.
 
 import math
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.eyes import HEAD_POINTS
-from lfpipe.track.network import Network, Warp, around, mapped, model_file, warp
 
 # The 16 points of each eyelid contour. The viewer's own left eye:
 # at larger x in an unmirrored picture.
@@ -27,14 +24,6 @@ EDGES = (10, 152, 234, 454)  # top of the forehead, chin, and the sides of the f
 
 # outer corners of the eyes, right to left: defines the rotation of a face's region
 EYE_LINE = (33, 263)
-IRIS_PX = 64  # side of the crop
-# In eye distances. A gaze moves both irises away from the middle of the lids equally, and only as
-# far as the lids allow. If the irises disagree, glasses or glare hide them, and the lids are the
-# better estimate.
-MAX_IRIS_DISAGREEMENT, MAX_IRIS_OFFSET = 0.06, 0.13
-_IRIS_SCALE = 2.3  # width of the crop in distances between the eye's corners
-# inner and outer of the viewer's left eye, outer and inner of the right: both left to right
-_CORNERS = ((362, 263), (33, 133))
 # corners and lower lid: the first of LEFT_EYE and RIGHT_EYE. A blink moves the upper lid by a third
 # of an eye
 _LIDS = 9
@@ -72,48 +61,3 @@ def eye_points(
     eyes = (lx + up_x + out_x, ly + up_y + out_y), (rx + up_x - out_x, ry + up_y - out_y)
     eye_distance = (1 + 2 * _SPREAD) * math.sqrt(dx * dx + dy * dy + (lz - rz) ** 2)
     return *eyes, (xs[left], ys[left]), (xs[right], ys[right]), eye_distance, keys[:, _HEAD:].T
-
-
-class Irises:
-    """Eye centres from the irises.
-
-    Raises UserError if the network is missing or has another version.
-    """
-
-    def __init__(self, warp: Warp = warp) -> None:
-        self._warp = warp
-        self._network = Network(
-            model_file("modules/iris_landmark/iris_landmark.tflite"), IRIS_PX, (15,)
-        )
-        self.model = self._network.name
-
-    def refined(
-        self,
-        image: NDArray[np.uint8],
-        mesh_px: NDArray[np.float64],
-        lids_px: NDArray[np.float64],
-        eye_distance_px: float,
-    ) -> NDArray[np.float64]:
-        """The centres of the irises where they are seen, else lids_px; (2, 2), left first, px of
-        image, uint8 (h, w, 3) BGR.
-        mesh_px: (468, 2) points of the face mesh. eye_distance_px: between the eyes.
-        """
-        centres_px = np.empty((2, 2))
-        for eye, (start, end) in enumerate(_CORNERS):
-            middle = (mesh_px[start] + mesh_px[end]) / 2
-            reach = np.abs(mesh_px[end] - mesh_px[start]).max() / 2
-            roi = around(
-                (*(middle - reach), *(middle + reach)), mesh_px[start], mesh_px[end], _IRIS_SCALE
-            )
-            matrix = roi.matrix(IRIS_PX)
-            crop = roi.crop(image, matrix, IRIS_PX, cv2.BORDER_REPLICATE, self._warp)
-            # the network knows only right eyes, so the left one is mirrored
-            # then z, and four points around the centre
-            x, y = self._network.run(crop if eye else crop[:, ::-1])[0][:2].tolist()
-            centres_px[eye] = mapped(np.array([[x if eye else IRIS_PX - x, y]]), matrix)
-        off = (centres_px - lids_px) / max(eye_distance_px, 1.0)
-        hidden = (
-            float(np.hypot(*(off[0] - off[1]))) > MAX_IRIS_DISAGREEMENT
-            or float(np.abs(off).max()) > MAX_IRIS_OFFSET
-        )
-        return lids_px if hidden else centres_px

@@ -20,7 +20,7 @@ def make_engine(track: Track, portable: bool = False) -> Engine:
         from lfpipe.track.face_networks import LitertNetworks
         from lfpipe.track.litert_engine import LitertEngine
 
-        return LitertEngine(LitertNetworks(track.refine, portable))
+        return LitertEngine(LitertNetworks(portable))
     if name == "mediapipe":
         from lfpipe.track.mediapipe_engine import MediapipeEngine
 

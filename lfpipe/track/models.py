@@ -1,4 +1,4 @@
-"""The face networks: four files of one mediapipe wheel, from the installed package or from the
+"""The face networks: three files of one mediapipe wheel, from the installed package or from the
 user's data folder.
 
 Newer versions of mediapipe carry no networks, and the last one that does has no wheel for some
@@ -35,9 +35,6 @@ SHA256 = {
     ),
     "modules/face_landmark/face_landmark.tflite": (
         "1055cb9d4a9ca8b8c688902a3a5194311138ba256bcc94e336d8373a5f30c814"
-    ),
-    "modules/iris_landmark/iris_landmark.tflite": (
-        "d1744d2a09c25f501d39eba4faff47e53ecca8852c5ce19bce8eeac39357521f"
     ),
 }
 MAX_BYTES = 16 << 20  # limit per network; the largest has 2.6 MB

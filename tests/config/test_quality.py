@@ -36,23 +36,20 @@ COSTS = {"warp2": 10.0, "warp": 7.0, "blend": 2.0, "nearest": 1.5}
 
 
 @pytest.mark.parametrize(
-    ("wanted", "scene", "scores", "drawn"),
+    ("asked", "scene", "has_disparity", "drawn"),
     [
-        ("warp2", "blend", {"blend": 38.1, "warp2": 37.9}, "blend"),  # its own test shows it worse
-        ("warp2", "blend", {"blend": 38.1, "warp2": 38.1}, "warp2"),
-        # the scene's own is not worth a warp: asked for, it is drawn
-        ("warp", "blend", {"blend": 37.0, "warp": 38.0}, "warp"),
-        # a cheaper warp is a choice, not a fault
-        ("warp", "warp2", {"warp2": 50.0, "warp": 48.0}, "warp"),
-        ("warp", "blend", {}, "warp"),
-        ("nearest", "warp2", {"warp2": 50.0, "nearest": 30.0}, "nearest"),
-        ("blend", "nearest", {"nearest": 50.0, "blend": 40.0}, "blend"),
+        ("auto", "blend", True, "blend"),
+        ("warp2", "blend", True, "warp2"),  # asked for, it is drawn, whatever the scores
+        ("warp", "warp2", True, "warp"),
+        ("warp", "blend", False, "nearest"),
+        ("nearest", "warp2", True, "nearest"),
+        ("blend", "nearest", False, "blend"),
     ],
 )
-def test_method_in_use_warps_where_that_is_not_worse(
-    wanted: str, scene: str, scores: dict[str, float], drawn: str
+def test_method_in_use_is_the_one_asked_for(
+    asked: str, scene: str, has_disparity: bool, drawn: str
 ) -> None:
-    assert method_in_use(wanted, scene, True, scores) == drawn
+    assert method_in_use(asked, scene, has_disparity) == drawn
 
 
 def options(
@@ -123,7 +120,7 @@ def test_quality_levels_begin_at_what_is_asked_for(
     assert list(dict.fromkeys(level.method for level in levels)) == wanted
     assert [(level.rate_hz, level.every) for level in levels[-2:]] == [(30.0, 1), (30.0, 2)]
     assert len({level.words for level in levels}) == len(levels) and levels[0].words == "full"
-    assert wanted[0] == method_in_use(asked, scene, True, {}) and wanted[0] in METHODS
+    assert wanted[0] == method_in_use(asked, scene, True) and wanted[0] in METHODS
 
 
 def test_quality_levels_hold_only_what_helps() -> None:

@@ -67,7 +67,7 @@ def test_doctor_names_missing_networks(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(models, "package_folder", lambda: None)
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     fetchable = doctor.face_networks()
-    assert "iris_landmark.tflite" in fetchable.detail and "lfpipe models get" in fetchable.remedy
+    assert "face_landmark.tflite" in fetchable.detail and "lfpipe models get" in fetchable.remedy
     assert doctor.litert().ok and "missing" in doctor.litert().detail
     monkeypatch.setattr(models, "installer", lambda folder: [])
     lost = doctor.face_networks()

@@ -122,11 +122,11 @@ class Seen:
     generation: int
 
 
-def watched(frames: Iterable[Picture], refine: bool = False) -> list[Seen]:
+def watched(frames: Iterable[Picture]) -> list[Seen]:
     """What the stage's own engine and tracker make of frames at RATE_HZ, with a little sensor
     noise.
     """
-    tracker = EyeTracker(Track(refine=refine))
+    tracker = EyeTracker(Track())
     record = np.zeros((), EYES)
     seen = []
     rng = np.random.default_rng(7)

@@ -139,16 +139,6 @@ def test_every_size_of_frame(engine: LitertEngine, placed: Placed, size: tuple[i
     assert eye_distance(face.eyes_px) == pytest.approx(89 * 0.7 * factor, rel=0.08)
 
 
-def test_iris_refinement_stays_within_the_eye(placed: Placed) -> None:
-    plain = LitertEngine()
-    refined = make_engine(Track(refine=True))
-    picture = placed((320, 200, 0.8))
-    a, b = found(plain, picture), found(refined, picture)
-    moved = np.linalg.norm(a.eyes_px - b.eyes_px, axis=1)
-    assert np.all(moved > 0.05) and np.all(moved < 0.08 * eye_distance(a.eyes_px))
-    assert "iris" in refined.model and "iris" not in plain.model
-
-
 def test_mediapipe_is_never_imported() -> None:
     """Its import takes longer than everything else of a start."""
     code = (

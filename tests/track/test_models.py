@@ -72,8 +72,8 @@ def test_networks_of_a_wheel_run_without_the_package(bare: Path, wheel: Path) ->
         LitertEngine()
     assert models.install_models(wheel) == bare
     assert not models.missing_models()
-    assert str(bare) in str(models.find_model("modules/iris_landmark/iris_landmark.tflite"))
-    assert "mediapipe 0.10.21" in LitertEngine(LitertNetworks(refine=True)).model
+    assert str(bare) in str(models.find_model("modules/face_landmark/face_landmark.tflite"))
+    assert "mediapipe 0.10.21" in LitertEngine(LitertNetworks()).model
     done = CliRunner().invoke(cli, ["models", "get", "--from", str(wheel)])
     assert [line.split()[0] for line in done.stdout.splitlines()] == [
         sha256[:8] for sha256 in models.SHA256.values()
@@ -85,15 +85,15 @@ def test_a_bad_wheel_changes_nothing(
     bare: Path, tmp_path: Path, contents: dict[str, bytes], damage: str
 ) -> None:
     path = tmp_path / "bad.whl"
-    iris = "mediapipe/modules/iris_landmark/iris_landmark.tflite"
+    network = "mediapipe/modules/face_landmark/face_landmark.tflite"
     if damage == "truncated":
         path.write_bytes(write_wheel(path, contents).read_bytes()[:-100])
     elif damage == "text":
         path.write_text("no wheel")
     elif damage == "without":
-        write_wheel(path, {name: content for name, content in contents.items() if name != iris})
+        write_wheel(path, {name: content for name, content in contents.items() if name != network})
     elif damage == "changed":
-        write_wheel(path, contents | {iris: contents[iris][:-1] + b"\0\0"})
+        write_wheel(path, contents | {network: contents[network][:-1] + b"\0\0"})
     elif damage == "folder":
         path.mkdir()
     with pytest.raises(UserError, match=r"bad\.whl") as error:

@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 import pytest
 
-from lfpipe.track.face_networks import LitertNetworks
 from lfpipe.track.litert_engine import LitertEngine
 from tests.track.people import (
     FACES,
@@ -295,37 +294,6 @@ def test_a_head_that_moves_behind_an_uncertain_network_is_followed() -> None:
     ]
     seen = watched(frames)
     assert seen[-1].face and np.hypot(*(seen[-1].used_px - (374, 220))) < 12
-
-
-def painted(
-    name: str, aside_px: int, y: int, axes: tuple[int, int], turn: int, colour: tuple[int, int, int]
-) -> list[float]:
-    """How far plain and refined eyes are off behind glasses with these spots."""
-    picture = placed(backdrop(), name, 300, 220, 80)
-    for x in (260, 340):
-        cv2.ellipse(picture, (x + aside_px, y), axes, turn, 0, 360, colour, -1)
-    faces = [
-        [engine.detect(picture) for _ in range(3)][-1]
-        for engine in (LitertEngine(), LitertEngine(LitertNetworks(refine=True)))
-    ]
-    return [
-        float(np.abs(face.eyes_px.mean(axis=0) - (300, 220)).max())
-        for face in faces
-        if face is not None
-    ]
-
-
-def test_glasses_leave_refined_eyes_where_the_lids_are() -> None:
-    """The iris network answers whatever it is shown: behind painted glasses its answers for the two
-    eyes disagree.
-    """
-    dark = [
-        painted(name, 0, 223, (30, 21), 0, (20, 20, 20)) for name in ("01-1m", "03-1m", "05-1m")
-    ]
-    assert sum(refined > plain + 4 for plain, refined in dark) <= 1
-    for name in ("01-1m", "03-1m", "06-1m"):
-        plain, refined = painted(name, 6, 218, (20, 13), -20, (255, 255, 255))
-        assert refined < plain + 1 and refined < 0.06 * 80
 
 
 def test_hands_before_the_face_lose_no_frame() -> None:

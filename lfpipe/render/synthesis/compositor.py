@@ -42,7 +42,7 @@ TWO_VIEWS = ("side-by-side", "row-interleaved")  # outputs with separate views, 
 
 def method_for(field: LightField, asked: str) -> str:
     """The method that renders field for render.method = asked; never "auto"."""
-    return method_in_use(asked, field.method, field.disparity is not None, field.manifest.scores)
+    return method_in_use(asked, field.method, field.disparity is not None)
 
 
 def settings_for_scene(field: LightField, method: str, render: Render) -> Render:
