@@ -139,7 +139,7 @@ def _replayed(
         kept = pace == "step" and (out is not None or expect is not None)
         _summary(run.replay(sequence, field, config, pace, folder, kept, say, live))
         if against is not None:
-            compared = compare(against, folder)
+            compared = compare(against, folder, keeps=out is not None)
         if replace is not None:
             replace(folder)
             say(f"reference written to {new}")

@@ -153,9 +153,9 @@ def check_reference(reference: Path, report: Report) -> None:
                 raise UserError(f"{reference}: was made with another {part}{values}", remedy)
 
 
-def compare(reference: Path, folder: Path) -> Comparison:
-    """Compares the reference with the run in folder. Saves the pictures that show differences to
-    folder/difference.
+def compare(reference: Path, folder: Path, keeps: bool = True) -> Comparison:
+    """Compares the reference with the run in folder. keeps: save the pictures that show differences
+    to folder/difference, and name them.
 
     Raises UserError if the reference cannot be read or has another sequence or scene.
     """
@@ -197,7 +197,7 @@ def compare(reference: Path, folder: Path) -> Comparison:
                 "copy the whole folder again, or rewrite it with --update",
             )
     in_frames, notes = _compare_frames(
-        reference, folder, zip(lines_before, lines_now, strict=False), tolerance_px
+        reference, folder, zip(lines_before, lines_now, strict=False), tolerance_px, keeps
     )
     return Comparison(differences + in_frames, ([versions] if versions else []) + notes)
 
@@ -251,7 +251,11 @@ def _first_difference(was: Line, now: Line, tolerance_px: float) -> str:
 
 
 def _compare_frames(
-    reference: Path, folder: Path, lines: Iterable[tuple[Line, Line]], tolerance_px: float
+    reference: Path,
+    folder: Path,
+    lines: Iterable[tuple[Line, Line]],
+    tolerance_px: float,
+    keeps: bool,
 ) -> tuple[list[Difference], list[str]]:
     """The first difference of each part, frame by frame, and notes.
 
@@ -281,7 +285,7 @@ def _compare_frames(
             )
             differences.append(Difference(part, what, first.now["source_seq"]))
     unflipped = [frame for frame in frames if frame.cause != FLIP]
-    pictures, note = _compare_pictures(reference, folder, unflipped, not tolerance_px)
+    pictures, note = _compare_pictures(reference, folder, unflipped, not tolerance_px, keeps)
     return differences + pictures, note + notes
 
 
@@ -316,7 +320,7 @@ def _stored(folder: Path, lines: list[Line]) -> Callable[[str], NDArray[np.uint8
 
 
 def _compare_pictures(
-    reference: Path, folder: Path, frames: list[ComparedFrame], exact: bool
+    reference: Path, folder: Path, frames: list[ComparedFrame], exact: bool, keeps: bool
 ) -> tuple[list[Difference], list[str]]:
     """Differences of pictures with equal views, and the pictures of the first frame that differs in
     anything; a note.
@@ -342,11 +346,9 @@ def _compare_pictures(
             f" ({MIN_DB:g} wanted)"
         )
         return [], [note] if drawn else []
-    where = (
-        f"least PSNR {least_db:.1f} dB, see {_save(folder, *first)}"
-        if first
-        else "no frame has a stored picture in both"
-    )
+    where = f"least PSNR {least_db:.1f} dB" if first else "no frame has a stored picture in both"
+    if first and keeps:
+        where += f", see {_save(folder, *first)}"
     was, now = drawn[0] if wrong else unequal[0]
     what = f"{len(unequal)} of {len(frames)} differ, as a result of the differences above"
     if wrong:

@@ -36,3 +36,10 @@ def start_share(send: Send, targets: tuple[str, ...]) -> None:
 def stop_share(send: Send, targets: tuple[str, ...]) -> None:
     """Stop sharing with each TARGET, as `start` printed it; without TARGET, with all."""
     send({"cmd": "share", "stop": list(targets)})
+
+
+@share.command("list")
+@click.pass_obj
+def list_targets(send: Send) -> None:
+    """Print what is shared."""
+    send({"cmd": "share"})

@@ -15,13 +15,17 @@ def _with(state: SessionState, targets: tuple[str, ...]) -> SessionState:
 
 
 def respond(state: SessionState, message: Message, _t_ns: int) -> Reply:
-    """Adds the targets `start`, or removes the targets `stop` (all, if it is empty)."""
+    """Adds the targets `start`, or removes the targets `stop` (all, if it is empty); with neither,
+    only answers.
+    """
     start = message.get("start")
     stop = message.get("stop")
     running = state.options.extra(NAME)
+    if start is None and stop is None:
+        return Reply(answer={"share": list(running)})
     texts = stop if start is None else start
     if (
-        (start is None) == (stop is None)
+        None not in (start, stop)
         or not isinstance(texts, list)
         or not all(isinstance(text, str) for text in texts)
     ):

@@ -19,7 +19,7 @@ TARGETS = ("osc:127.0.0.1:9000?rate=60", "lsl:lab")
 @pytest.mark.parametrize(
     ("targets", "words", "wrong"),
     [
-        ((), "list of targets", [{}, {"start": ["lsl"], "stop": []}]),
+        ((), "list of targets", [{"start": ["lsl"], "stop": []}]),
         ((), "list of targets", [{"start": "lsl"}, {"stop": [5]}]),
         ((), "no target given", [{"start": []}]),
         ((), "nothing is shared", [{"stop": []}]),
@@ -33,6 +33,11 @@ def test_share_refusals_are_short(
     for sent in wrong:
         refusal = reply_to(made_state(extras={"share": targets}), {"cmd": "share", **sent})
         assert isinstance(refusal, str) and words in refusal and len(refusal) < 4000, sent
+
+
+def test_share_without_targets_lists_them() -> None:
+    reply = respond(made_state(extras={"share": TARGETS}), {"cmd": "share"}, 0)
+    assert reply == Reply(answer={"share": list(TARGETS)})
 
 
 def test_share_has_targets_checked_by_a_child() -> None:
