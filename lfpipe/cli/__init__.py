@@ -47,6 +47,14 @@ COMMANDS = {
     "completion": ("lfpipe.cli.options", "Print the completion script of a shell."),
 }
 
+# of the list of commands; those of other packages follow under "More"
+GROUPS = {
+    "View": ("up", "scene", "cameras", "calibrate"),
+    "Watch and control": ("monitor", "ctl", "trace"),
+    "Record and measure": ("record", "replay", "sequence", "bench"),
+    "This machine": ("doctor", "config", "models", "completion"),
+}
+
 
 class Commands(ExtensibleGroup):
     """The commands of COMMANDS, and those of other packages.
@@ -81,8 +89,15 @@ class Commands(ExtensibleGroup):
         return list((own | more | own).items())  # a built-in command keeps its position and summary
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section("Commands"):
-            formatter.write_dl(self._summaries())
+        summaries = dict(self._summaries())
+        width = max(map(len, summaries))
+        listed = [name for names in GROUPS.values() for name in names]
+        groups = GROUPS | {"More": tuple(name for name in summaries if name not in listed)}
+        for title, names in groups.items():
+            with formatter.section(title):
+                formatter.write_dl(
+                    [(f"{name:{width}}", summaries[name]) for name in names if name in summaries]
+                )
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]

@@ -9,6 +9,7 @@ import click
 from lfpipe.bench.benchmarks import BENCHMARKS, TABLE
 from lfpipe.bench.results import Results
 from lfpipe.cli.options import PATH, with_config
+from lfpipe.cli.plugged import Group
 from lfpipe.cli.terminal import print_result, print_table, say
 from lfpipe.config import Config
 
@@ -22,7 +23,7 @@ OUT = click.option(
 )
 
 
-@click.group()
+@click.group(cls=Group)
 def bench() -> None:
     """Measure error against run time on this machine, with your scene and sequence.
 

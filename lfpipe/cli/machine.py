@@ -13,6 +13,7 @@ from lfpipe.capture.live_source import WIDE
 from lfpipe.capture.pixel_formats import DECODED
 from lfpipe.capture.v4l2_device import V4L2Device
 from lfpipe.cli.options import JSON, PATH, with_config
+from lfpipe.cli.plugged import Group
 from lfpipe.cli.terminal import filled, print_result, say
 from lfpipe.config import Config, load, user_file
 from lfpipe.config.user_files import commented
@@ -123,7 +124,7 @@ def doctor(report: Path | None) -> int:
     return 0 if all(check.ok for check in results) else 1
 
 
-@click.group()
+@click.group(cls=Group)
 def models() -> None:
     """Manage the face networks that tracking needs."""
 
@@ -150,7 +151,7 @@ def get(wheel: Path | None) -> None:
         print_result(f"{sha256[:8]}  {find_model(relative)}")
 
 
-@click.group()
+@click.group(cls=Group)
 def config() -> None:
     """Write, show and check the configuration."""
 

@@ -15,6 +15,8 @@ import click
 
 from lfpipe.plugins import COMMANDS, declared, load_target
 
+SUMMARY_CHARS = 1000  # of a command: all of them
+
 
 class Added:
     """What another package adds."""
@@ -75,7 +77,23 @@ def _wrapped(
     return load_target(COMMANDS, entry, wrapper)(functools.partial(proceed, *given), **values)
 
 
-class ExtensibleGroup(click.Group):
+class Group(click.Group):
+    """A group whose help has whole summaries."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Whole summaries, on as many lines as they take; click cuts them."""
+        commands = ((name, self.get_command(ctx, name)) for name in self.list_commands(ctx))
+        with formatter.section("Commands"):
+            formatter.write_dl(
+                [
+                    (name, command.get_short_help_str(SUMMARY_CHARS))
+                    for name, command in commands
+                    if command is not None and not command.hidden
+                ]
+            )
+
+
+class ExtensibleGroup(Group):
     """A group to which other packages add commands, and options to its commands."""
 
     @property

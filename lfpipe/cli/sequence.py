@@ -20,6 +20,7 @@ from lfpipe.capture.open_source import camera_name, camera_settings, check_sourc
 from lfpipe.capture.recordings import open_recording
 from lfpipe.cli.launch import exit_code
 from lfpipe.cli.options import CAMERA, DURATION, PATH, Number, with_config
+from lfpipe.cli.plugged import Group
 from lfpipe.cli.terminal import print_result, say
 from lfpipe.config import Config, SessionOptions
 from lfpipe.config.modes import Live, RecordedEyes
@@ -87,7 +88,7 @@ def record(
     return exit_code(outcome)
 
 
-@click.group()
+@click.group(cls=Group)
 def sequence() -> None:
     """Inspect, cut, import and export recorded sequences."""
 

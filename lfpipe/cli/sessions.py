@@ -13,7 +13,7 @@ import click
 
 from lfpipe import config as configuration
 from lfpipe.cli.options import PATH, SESSION, complete_settings
-from lfpipe.cli.plugged import ExtensibleGroup
+from lfpipe.cli.plugged import ExtensibleGroup, Group
 from lfpipe.cli.terminal import print_result
 from lfpipe.config import converter, parse_set
 from lfpipe.supervisor.rundir import ask
@@ -163,7 +163,7 @@ def stop_record(send: Send) -> None:
     send({"cmd": "record", "path": ""})
 
 
-@click.group()
+@click.group(cls=Group)
 def trace() -> None:
     """Trace a running session, one JSON line per picture, and convert traces to timelines."""
 

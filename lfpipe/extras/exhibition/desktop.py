@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from lfpipe.cli.plugged import Group
 from lfpipe.cli.terminal import print_error, print_result
 from lfpipe.errors import UserError
 from lfpipe.extras.exhibition.kiosk import require_plain
@@ -70,7 +71,7 @@ def show_error(error: UserError) -> None:
         subprocess.run([*installed[0], text], check=False)
 
 
-@click.group()
+@click.group(cls=Group)
 def desktop() -> None:
     """Add lfpipe to the desktop's menu and to "Open with"."""
 

@@ -11,6 +11,7 @@ import click
 
 from lfpipe import config as configuration
 from lfpipe.cli.options import PATH
+from lfpipe.cli.plugged import Group
 from lfpipe.cli.terminal import print_result, say
 from lfpipe.config import user_file
 from lfpipe.config.modes import Window
@@ -103,7 +104,7 @@ def up(proceed: Callable[..., Any], *, kiosk: bool, code_file: Path | None, **va
     return proceed(**values | locked)
 
 
-@click.group()
+@click.group(cls=Group)
 def kiosk() -> None:
     """Install an exhibition; see also `lfpipe up --kiosk`."""
 

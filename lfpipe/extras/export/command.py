@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from lfpipe.cli.options import PATH, SCENE, Number, with_scene
+from lfpipe.cli.plugged import Group
 from lfpipe.cli.scene import PICTURES, check_picture, opened, write_picture
 from lfpipe.cli.terminal import print_result
 from lfpipe.config import Config
@@ -18,7 +19,7 @@ Command = Callable[..., Any]
 PAIRS = (*PICTURES, ".jps", ".mpo", ".mp4")
 
 
-@click.group()
+@click.group(cls=Group)
 def export() -> None:
     """Export SCENE for other programs and people."""
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import click
 
+from lfpipe.cli.plugged import Group
 from lfpipe.cli.sessions import Send
 from lfpipe.extras.share.target import check_targets
 from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S
@@ -17,7 +18,7 @@ def up(proceed: Callable[..., Any], *, share: tuple[str, ...], **values: Any) ->
     return proceed(**values, extras={"share": check_targets(share)})
 
 
-@click.group()
+@click.group(cls=Group)
 def share() -> None:
     """Send the viewer's eyes and head to other programs."""
 
