@@ -73,6 +73,7 @@ class Ui:
         self.glasses_test = GlassesTest(context, presenter, self.settings)
         self._mouse = mouse
         self._display = display
+        self._overlay = Overlay()
         self._actions = actions
         self._changes = ChangeNotices(context, viewer, self.notices)
         first = not context.row["restarts"]
@@ -162,18 +163,20 @@ class Ui:
             self.scenes.status(t_ns),
             *standing_notices(self.context, self._display.knows_rows),
         ]
-        self._display.overlay(
-            attrs.evolve(
-                self.page.overlay(t_ns) if self.page else Overlay(),
-                notices=self.notices.lines(t_ns, standing),
-                scene=self.viewer.field.name,
-                step=self.scenes.working,
-                progress=self.scenes.progress,
-                viewer=viewer_name(self.context.options.viewer),
-                bar=self._bar(),
-                recording=self.recording.status,
-            )
+        overlay = attrs.evolve(
+            self.page.overlay(t_ns) if self.page else Overlay(),
+            notices=self.notices.lines(t_ns, standing),
+            scene=self.viewer.field.name,
+            step=self.scenes.working,
+            progress=self.scenes.progress,
+            viewer=viewer_name(self.context.options.viewer),
+            bar=self._bar(),
+            recording=self.recording.status,
         )
+        if overlay != self._overlay:  # what moves is drawn at every refresh
+            self._overlay = overlay
+            self.presenter.changed_ns = t_ns
+        self._display.overlay(overlay)
 
     def _bar(self) -> tuple[Item, ...]:
         options = self.context.options
