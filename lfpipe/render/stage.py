@@ -15,7 +15,7 @@ Emits: parallax (alpha and its reasons), viewer (nobody, arriving, seated, lost,
 import gc
 import logging
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -317,7 +317,7 @@ class RenderStage:
 
     def _run_on_frames(self) -> None:
         context = self._context
-        while context.wait():
+        while self._wait_for_frame():
             if context.news:
                 self._take_news()
             fresh = self._eyes.take()
@@ -351,12 +351,24 @@ class RenderStage:
                     self._status.missed(count)
             self._after_picture()
 
+    def _wait_for_frame(self) -> bool:
+        """Waits for the next frame, and often enough for the window. Returns False at the stop."""
+        fds = self._window_fds if self._context.idle else None
+        often = self._interactive and fds is None
+        return self._context.wait(now_ns() + SERVE_NS if often else None, fds=fds or ())
+
+    @property
+    def _window_fds(self) -> Sequence[int] | None:
+        """Those of the display; None where it must be asked at every refresh, as displays of other
+        packages.
+        """
+        return None if isinstance(self._options.display, Plugin) else self._display.fds
+
     def _wait_for_refresh(self, refresh: Refresh) -> bool:
         """Waits for the next refresh; while nothing changes, for an event or news. Returns False at
         the stop.
         """
-        # displays of other packages are asked at every refresh
-        fds = None if isinstance(self._options.display, Plugin) else self._display.fds
+        fds = self._window_fds
         can_rest = fds is not None and self._live is None and not self._field.frame_rate_hz
         can_rest &= not (self._options.trace or self._options.timeline)
         rests = can_rest and now_ns() - self._presenter.changed_ns > REST_AFTER_NS
