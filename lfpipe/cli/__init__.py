@@ -94,10 +94,10 @@ class Commands(ExtensibleGroup):
         listed = [name for names in GROUPS.values() for name in names]
         groups = GROUPS | {"More": tuple(name for name in summaries if name not in listed)}
         for title, names in groups.items():
-            with formatter.section(title):
-                formatter.write_dl(
-                    [(f"{name:{width}}", summaries[name]) for name in names if name in summaries]
-                )
+            rows = [(f"{name:{width}}", summaries[name]) for name in names if name in summaries]
+            if rows:
+                with formatter.section(title):
+                    formatter.write_dl(rows)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
