@@ -78,9 +78,7 @@ class RingSpec:
 
 
 class StampKind(enum.IntEnum):
-    """The source of a frame's sensor stamp, as in a ring's slot; `word` is its name in the
-    trace.
-    """
+    """The source of a frame's sensor stamp, as in a ring's slot; `word` is its name in the trace."""
 
     SCHEDULED = 0  # a recording's or the demo's scheduled time
     READ = 1  # no usable stamp: the time when the frame was read
@@ -96,14 +94,20 @@ class StampKind(enum.IntEnum):
 
 @attrs.frozen
 class Stamp:
-    """Header of a slot as read."""
+    """Header of a slot as read. Times are ns of CLOCK_MONOTONIC."""
 
     seq: int
+    """Number of the slot since the ring was made, from 1."""
     source_seq: int
+    """Number of the frame, from the camera or file."""
     epoch: int
+    """Of the frame: do not compare numbers or times across epochs."""
     t_sensor_ns: int
+    """Middle of the exposure."""
     t_read_ns: int
+    """When the frame was read."""
     t_publish_ns: int
+    """When the slot was published."""
     skipped: int
     """Number of slots since the last read that this reader missed."""
     kind: int = 0
@@ -235,29 +239,70 @@ class Writer(_Ring):
 
 
 class Reader(_Ring):
-    """A reader in any process; numpy sees the memory as read-only."""
+    """A reader of a ring, in any process. `shape` and `dtype` are those of a slot; the memory is
+    read-only.
+
+    Parameters
+    ----------
+    name : str
+        Of the segment: the prefix `segments` of `session.json`, and the name of the ring.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such segment.
+    UserError
+        If it is the ring of another version of lfpipe.
+    """
 
     def __init__(self, name: str) -> None:
         super().__init__(name, writable=False)
         self.last_seq = self.published
 
     def read(self, out: NDArray[Any]) -> Stamp | None:
-        """Copies the newest slot to out (shape and dtype of the ring) if it is newer than the last
-        read.
+        """Copies the newest slot to out if it is newer than the last read; never a torn copy.
 
-        Returns None otherwise. Never returns a torn copy.
+        Parameters
+        ----------
+        out : numpy.ndarray
+            Of the ring's shape and dtype.
+
+        Returns
+        -------
+        Stamp or None
+            None if there is no newer slot.
         """
         return self._read(out, in_order=False)
 
     def read_next(self, out: NDArray[Any]) -> Stamp | None:
         """Like `read`, but copies the slot after the last one read, or the oldest remaining one if
         the writer was too fast.
+
+        Parameters
+        ----------
+        out : numpy.ndarray
+            Of the ring's shape and dtype.
+
+        Returns
+        -------
+        Stamp or None
+            None if there is no newer slot.
         """
         return self._read(out, in_order=True)
 
     def peek(self, in_order: bool = False) -> tuple[Stamp, NDArray[Any]] | None:
         """The slot itself instead of a copy, read-only. Results made from it are valid only if
         `still_valid` confirms it afterwards.
+
+        Parameters
+        ----------
+        in_order : bool
+            As `read_next`; otherwise as `read`.
+
+        Returns
+        -------
+        tuple or None
+            (Stamp, numpy.ndarray), or None if there is no newer slot.
         """
         while (n := self._next(in_order)) is not None:
             stamp = self._stamp(n)
@@ -266,14 +311,34 @@ class Reader(_Ring):
         return None
 
     def find(self, t_sensor_ns: int) -> tuple[Stamp, NDArray[Any]] | None:
-        """As `peek`, the slot of this sensor stamp, if it still exists."""
+        """As `peek`, the slot of a sensor stamp, if it still exists.
+
+        Parameters
+        ----------
+        t_sensor_ns : int
+
+        Returns
+        -------
+        tuple or None
+            (Stamp, numpy.ndarray)
+        """
         for head, payload in zip(self._heads, self._payloads, strict=True):
             if int(head[3]) == t_sensor_ns and (stamp := self._stamp(int(head[0]))) is not None:
                 return stamp, payload
         return None
 
     def still_valid(self, stamp: Stamp) -> bool:
-        """Whether the writer has not touched the peeked slot of stamp since."""
+        """Whether the writer has not touched a peeked slot since.
+
+        Parameters
+        ----------
+        stamp : Stamp
+            As `peek` returned it.
+
+        Returns
+        -------
+        bool
+        """
         fence()  # SYNC: all reads of the slot come before the counter is read again
         return self.published - stamp.seq <= self.slots - 2
 

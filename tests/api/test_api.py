@@ -1,6 +1,7 @@
 """The public interface: promises of docs/python.md that its examples do not show."""
 
 import inspect
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 import lfpipe
+from lfpipe import rings
 from lfpipe.eyes import EYES
 from tests.support.processes import printed
 from tests.support.refusal import refusal
@@ -28,6 +30,9 @@ def test_api_names_are_there_and_documented() -> None:
     for name in lfpipe.__all__:
         assert callable(getattr(lfpipe, name)) and name in dir(lfpipe), name
         assert f"::: lfpipe.{name}\n" in page
+    shown = re.search(r"::: lfpipe\.rings\n +options:\n +members: \[(.*)\]", page)
+    assert shown is not None
+    assert {*shown[1].split(", "), "EYES", "SHOWN", "now_ns"} == set(rings.__all__)
     with pytest.raises(AttributeError, match="no attribute 'open_scen'"):
         lfpipe.open_scen  # noqa: B018
 

@@ -40,9 +40,9 @@ def test_docs_blocks_of_data_are_well_formed() -> None:
 def test_ring_example_reads_a_frame(
     live: World, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    example = next(block for block in blocks("docs/contracts.md") if "Reader" in block)
+    example = next(block for block in blocks("docs/contracts.md") if "open_ring" in block)
     path = live.root / "ring_example.py"
-    path.write_text(example.replace('Session("default")', f'Session("{live.name}")'))
+    path.write_text(example.replace('"default"', f'"{live.name}"'))
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(live.run_dir))
     runpy.run_path(str(path))
     seq, t_sensor_ns, _skipped, mean = capsys.readouterr().out.split()

@@ -12,8 +12,7 @@ from lfpipe.capture.frame_source import Frame, SourceInfo
 from lfpipe.capture.spec import SourceKind
 from lfpipe.errors import UserError, redacted
 from lfpipe.files.decoding import fitted
-from lfpipe.transport.clock import now_ns
-from lfpipe.transport.ring import StampKind
+from lfpipe.rings import StampKind, now_ns
 
 
 @attrs.frozen
