@@ -78,7 +78,7 @@ class RingSpec:
 
 
 class StampKind(enum.IntEnum):
-    """The source of a frame's sensor stamp, as in a ring's slot; `word` is its name in the trace."""
+    """The source of a frame's sensor stamp, as in a ring's slot; `word` is its trace name."""
 
     SCHEDULED = 0  # a recording's or the demo's scheduled time
     READ = 1  # no usable stamp: the time when the frame was read

@@ -24,7 +24,9 @@ from lfpipe.capture.open_source import camera_name, check_source, clock_of, open
 from lfpipe.capture.spec import KINDS
 from lfpipe.config.modes import Live
 from lfpipe.errors import UserError
+from lfpipe.eyes import EYES
 from lfpipe.scene import layouts
+from lfpipe.transport import ring
 from tests.docs.conftest import PAGES, ROOT, blocks
 from tests.support.world import World, until
 
@@ -51,6 +53,46 @@ def test_ring_example_reads_a_frame(
         and time.monotonic_ns() - int(t_sensor_ns) < 10_000_000_000
         and 0 < float(mean) < 255
     )
+
+
+def test_contracts_list_the_fields_of_an_eyes_record_in_order() -> None:
+    page = (ROOT / "docs" / "contracts.md").read_text()
+    rows = re.findall(r"^\| (`\w+`(?:, `\w+`)*) \| ([fi]\d)(?: (\(.*?\)))? \|", page, re.M)
+    listed = [(one, *more) for names, *more in rows for one in re.findall(r"\w+", names)]
+    made = [(name, f"<{kind}", *([eval(shape)] if shape else [])) for name, kind, shape in listed]
+    assert np.dtype(made) == EYES
+
+
+def test_contracts_say_where_the_parts_of_a_ring_are() -> None:
+    """The offsets of the page, against a ring that the code made."""
+    page = (ROOT / "docs" / "contracts.md").read_text()
+    table = page.partition("| at byte ")[2].partition("\n\n")[0]
+    rows = [line.split("|")[1:3] for line in table.splitlines()[2:]]
+    offsets = [[int(n) for n in re.findall(r"\d+", left)] for left, _ in rows]
+    assert offsets == [
+        [8, 16, 24, 32],
+        [ring.PUBLISHED, ring.EPOCH],
+        [ring.DESCRIPTION],
+        [0],
+        [8, 16, 24, 32],
+        [40, 48, ring.SLOT_HEADER],
+    ]
+    name = f"lfp-contracts-{os.getpid()}"
+    memory = ring.create(name, ring.RingSpec((), EYES))
+    try:
+        writer, reader = ring.Writer(name), ring.Reader(name)
+        writer.begin()
+        writer.publish(7, 8, 9, epoch=3, kind=2)
+        raw = bytes(memory.buf)
+        first = ring.PAGE
+        assert np.frombuffer(raw, "<i8", 4, 8).tolist()[:3] == [4, ring.PAGE, EYES.itemsize]
+        assert np.frombuffer(raw, "<i8", 5, first).tolist() == [1, 7, 3, 8, 9]
+        assert np.frombuffer(raw, "<i8", 1, first + 48)[0] == 2
+        writer.close()
+        reader.close()
+    finally:
+        memory.unlink()
+        memory.close()
 
 
 def test_layout_example_opens_its_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

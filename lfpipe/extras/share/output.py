@@ -28,6 +28,7 @@ from lfpipe.host.terminal import quiet_stderr
 from lfpipe.track.head import Head
 from lfpipe.transport.clock import SECOND_NS, now_ns
 
+MAX_INT = 2**31 - 1  # of OSC's type i: frame numbers wrap to 0
 POSE = struct.Struct("<6d")  # x, y, z in cm; yaw, pitch, roll in degrees
 
 
@@ -64,14 +65,21 @@ def _numbers(head: Head) -> tuple[float, ...]:
 
 def osc_datagram(sample: Sample) -> bytes:
     """One bundle a frame, its time tag that of the eyes: /lfpipe/frame always, /lfpipe/eyes and
-    /lfpipe/head with a face.
+    /lfpipe/head with a face. Integers are of 32 bits: common receivers drop a message with 64.
     """
     from pythonosc.osc_bundle_builder import OscBundleBuilder
     from pythonosc.osc_message_builder import OscMessageBuilder
 
     head = sample.head
     messages: dict[str, list[tuple[str, float]]] = {
-        "frame": [("i", int(head is not None)), ("h", sample.source_seq), ("h", sample.t_ns)]
+        "frame": [
+            ("i", value)
+            for value in (
+                int(head is not None),
+                sample.source_seq & MAX_INT,
+                *divmod(sample.t_ns, SECOND_NS),
+            )
+        ]
     }
     if head is not None:
         numbers = [("f", value) for value in _numbers(head)]

@@ -95,6 +95,17 @@ def test_a_bundle_has_the_time_of_its_eyes(monkeypatch: pytest.MonkeyPatch) -> N
         ]
 
 
+@pytest.mark.parametrize("source_seq", [0, 2**31 - 1, 2**31 + 5])
+def test_a_bundle_has_only_types_that_every_receiver_of_osc_reads(source_seq: int) -> None:
+    from pythonosc.osc_bundle import OscBundle
+
+    datagram = osc_datagram(Sample(source_seq, 0, 86_400 * 10**9 + 5, HEAD))
+    frame = next(iter(OscBundle(datagram)))
+    assert frame.params == [1, source_seq % 2**31, 86_400, 5]
+    assert b"/lfpipe/frame\0\0\0,iiii\0" in datagram
+    assert b",ffffff\0" in datagram
+
+
 @pytest.fixture
 def lsl(tmp_path: Path) -> Any:
     """An output with pictures, and inlets of its three streams."""
