@@ -17,6 +17,7 @@ from lfpipe.supervisor.process_table import NAMES, SHOWN_BY
 from lfpipe.supervisor.requests import Reply
 from lfpipe.supervisor.scene_loads import SceneLoads, ScenePreviews
 from lfpipe.supervisor.session_store import SessionStore
+from lfpipe.supervisor.wake_clients import WakeClients
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.control import BadMessage, Message
 
@@ -56,7 +57,8 @@ class ReplyExecutor:
         self._previews = ScenePreviews(show)
         self._checks = FileChecks(sockets.connections)
         self._dialog = FileDialog(sockets.connections)
-        self.services = (self._loads, self._previews, self._checks, self._dialog)
+        self._wakes = WakeClients(sockets.connections)
+        self.services = (self._loads, self._previews, self._checks, self._dialog, self._wakes)
 
     def close(self) -> None:
         """Ends the child processes."""
@@ -128,6 +130,8 @@ class ReplyExecutor:
         before = self._store.state
         state = before if reply.state is None else reply.state
         self._store.apply(state)
+        if reply.wake:
+            self._wakes.add(reply.wake, request)
         if state.rev == before.rev:
             self.answer(request, answer)
         else:

@@ -5,6 +5,7 @@ Credit: in lossless sessions, a reader reports in its status row how far it has 
 writer waits for it.
 """
 
+import contextlib
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -15,7 +16,7 @@ from lfpipe.config import Config, SessionOptions
 from lfpipe.config.modes import Lossless
 from lfpipe.host.wake import Wake
 from lfpipe.transport import ring, status
-from lfpipe.transport.session import Session
+from lfpipe.transport.session import Session, wake_file
 from lfpipe.transport.status import ENDED
 
 
@@ -148,12 +149,15 @@ class RingOutput:
     ) -> None:
         session = spec.session
         clock = spec.options.clock
+        self._name = name
+        self._run_dir = session.run_dir
         self._wait_for = wait_for
         self._done = done
         self._index = spec.ring_index(name)
         self.writer = ring.Writer(session.segment(name))
         readers = spec.consumers.get(name, [])
         self._wakes = [Wake(session.wake(name, reader)) for reader in readers]
+        self._others: dict[str, Wake] = {}  # of other programs
         self._lock_step = False
         self._rows: list[NDArray[Any]] = []
         self.credits: list[Wake] = []
@@ -163,6 +167,15 @@ class RingOutput:
             self._ahead = 0 if clock.lock_step else max(0, self.writer.slots - 4)
             self._rows = [table.rows[reader] for reader in readers]
             self.credits = [Wake(session.credit(name, reader)) for reader in readers]
+
+    def set_others(self, names: Sequence[str]) -> None:
+        """Also wakes other programs. names: of the session's FIFOs for them, as RING.NAME."""
+        own = {name for name in names if name.rpartition(".")[0] == self._name}
+        for name in self._others.keys() - own:
+            self._others.pop(name).close()
+        for name in own - self._others.keys():
+            with contextlib.suppress(FileNotFoundError):  # its program has ended meanwhile
+                self._others[name] = Wake(self._run_dir / wake_file(name))
 
     def begin(self) -> NDArray[Any]:
         """The slot to fill, in place."""
@@ -185,7 +198,7 @@ class RingOutput:
         seq = self.writer.publish(source_seq, t_sensor_ns, t_read_ns, epoch, kind)
         # at once: if the process is killed before this line, the new slot counts as lost
         self._done()
-        for wake in self._wakes:
+        for wake in (*self._wakes, *self._others.values()):
             wake.notify(seq)
         if self._lock_step:
             self._wait_for(self._all_taken, self.credits)

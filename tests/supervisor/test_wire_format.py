@@ -210,6 +210,7 @@ def test_wire_format_of_a_session(world: World, scene: Path, tmp_path: Path) -> 
         {"cmd": "resume"},
         {"cmd": "recentre"},
         {"cmd": "pictures"},
+        {"cmd": "wake", "ring": "eyes"},
         {"cmd": "previews", "scenes": []},
         {"cmd": "load", "scene": str(scene)},
         {"cmd": "trace", "path": str(tmp_path / "t.jsonl")},
