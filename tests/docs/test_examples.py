@@ -55,14 +55,6 @@ def test_ring_example_reads_a_frame(
     )
 
 
-def test_contracts_list_the_fields_of_an_eyes_record_in_order() -> None:
-    page = (ROOT / "docs" / "contracts.md").read_text()
-    rows = re.findall(r"^\| (`\w+`(?:, `\w+`)*) \| ([fi]\d)(?: (\(.*?\)))? \|", page, re.M)
-    listed = [(one, *more) for names, *more in rows for one in re.findall(r"\w+", names)]
-    made = [(name, f"<{kind}", *([eval(shape)] if shape else [])) for name, kind, shape in listed]
-    assert np.dtype(made) == EYES
-
-
 def test_contracts_say_where_the_parts_of_a_ring_are() -> None:
     """The offsets of the page, against a ring that the code made."""
     page = (ROOT / "docs" / "contracts.md").read_text()

@@ -30,6 +30,7 @@ from lfpipe.transport import ring
 from lfpipe.transport.histogram import summary_ms
 from lfpipe.transport.ring import RingSpec
 from lfpipe.transport.status import ROW, Row
+from tests.contracts import contract
 from tests.render.rendered import S, presentation, record, viewer
 from tests.support.processes import largest_file
 
@@ -234,10 +235,14 @@ def test_shown_stamps_only_on_demand_and_of_what_was_seen() -> None:
     assert records == [(1, 6)]
 
 
-def test_trace_line_has_the_columns_of_the_contracts() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "contracts.md").read_text()
-    line = json.loads(page.partition("## Trace")[2].split("```")[1].removeprefix("json"))
-    assert {*trace_line(presentation(), "warp", 0), "presented_by"} == line.keys()
+def test_trace_line_has_the_columns_of_the_contract() -> None:
+    line = json.loads(json.dumps(trace_line(presentation(by="x_present"), "warp", 0)))
+    example = contract("trace.json")
+    kinds = {key: type(value) for key, value in example.items()}
+    assert {key: type(value) for key, value in line.items()} == kinds
+    for key in ("eyes_raw", "eyes_used", "view"):
+        assert list(line[key]) == list(example[key]) == ["left", "right"]
+        assert all(np.shape(side) == (2,) for side in line[key].values())
 
 
 def test_trace_line_contains_the_target_vblank() -> None:

@@ -1,6 +1,6 @@
 """The bytes of messages between processes, and the keys of answers and metrics in their order.
 
-`wire_format.json` holds them as maps, in the order of their keys.
+`tests/contracts/wire_format.json` holds them as maps, in the order of their keys.
 """
 
 import json
@@ -37,10 +37,11 @@ from lfpipe.transport import control
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.histogram import Histogram
 from lfpipe.transport.status import ROW, SESSION, Row, State
+from tests.contracts import contract
 from tests.supervisor.states import made_state
 from tests.support.world import World, answer_of, connected
 
-WIRE: dict[str, Any] = json.loads((Path(__file__).parent / "wire_format.json").read_text())
+WIRE: dict[str, Any] = contract("wire_format.json")
 EXACT = ("ok", "cmd", "error", "remedy", "v", "topic")
 T_NS = 100 * SECOND_NS
 
@@ -202,32 +203,21 @@ def test_wire_format_of_a_session(world: World, scene: Path, tmp_path: Path) -> 
     world.shows(scene, "--set=governor.quality=fixed")
     # The scores of a scene come with its disparity, after its first pictures.
     world.wait_for(lambda: world.ask(cmd="hello")["options"]["scene"]["complete"], "disparity")
-    requests: list[dict[str, Any]] = [
-        {"cmd": "hello"},
-        {"cmd": "status"},
-        {"cmd": "set", "set": {"render.method": "nearest"}},
-        {"cmd": "pause", "id": "one"},
-        {"cmd": "resume"},
-        {"cmd": "recentre"},
-        {"cmd": "pictures"},
-        {"cmd": "wake", "ring": "eyes"},
-        {"cmd": "previews", "scenes": []},
-        {"cmd": "load", "scene": str(scene)},
-        {"cmd": "trace", "path": str(tmp_path / "t.jsonl")},
-        {"cmd": "trace", "path": ""},
-        {"cmd": "nothing"},
-        {"cmd": "load", "at": 5},
-        {"cmd": "set", "set": {"render.method": 5}},
-        {"cmd": "trace", "path": ""},
+    pairs = WIRE["requests and answers of a session"]
+    places = {"SCENE": str(scene), "TRACE": str(tmp_path / "t.jsonl")}
+    *requests, stop = [
+        {key: places.get(value, value) if isinstance(value, str) else value for key, value in asked}
+        for asked in (pair["request"].items() for pair in pairs)
     ]
     with connected(world.session_dir) as socket, world.tap() as heard:
-        answers = [shape(answer_of(socket, {"v": 1, **message})) for message in requests]
+        answers = [shape(answer_of(socket, message)) for message in requests]
         world.wait_for(lambda: heard("look"), "eyes of a picture")
         looked = shape(heard("look")[0])
         printed = world.ctl("--json", "status"), world.ctl("--json", "pause")
         metrics_json = world.done("monitor", "--session", world.name, "--once", "--json").stdout
-        answers.append(shape(answer_of(socket, {"v": 1, "cmd": "stop"})))
-    assert_same("answers of a session", answers)
-    assert_same("look", looked)
+        answers.append(shape(answer_of(socket, stop)))
+    assert json.dumps(of_core(answers)) == json.dumps([pair["answer"] for pair in pairs])
+    (look,) = [one for one in contract("tap.json") if one["topic"] == "look"]
+    assert looked == shape({"v": 1, **look})
     assert_same("ctl --json", [shape(json.loads(text)) for text in printed])
     assert_same("monitor --json", shape(json.loads(metrics_json)))

@@ -1,0 +1,84 @@
+"""The examples of the contracts against the code, and against the pages that describe them."""
+
+import json
+import re
+
+import numpy as np
+
+from lfpipe.eyes import EYES, EyesRecord
+from lfpipe.supervisor.tap_topics import SUPERVISOR, TOPICS
+from tests.contracts import FOLDER, contract
+
+DOCS = FOLDER.parents[1] / "docs"
+PAGE = (DOCS / "contracts.md").read_text()
+OF_EVERY_ANSWER = {"v", "ok", "cmd", "rev", "id", "applied", "error", "remedy"}
+
+
+def section(name: str) -> str:
+    """The text of a section of the page."""
+    return PAGE.partition(f"\n## {name}\n")[2].partition("\n## ")[0]
+
+
+def test_page_shows_the_trace_line() -> None:
+    assert f"```json\n{(FOLDER / 'trace.json').read_text()}```\n" in section("Trace")
+
+
+def test_eyes_record_has_the_bytes_of_the_contract() -> None:
+    """As the code reads them, and as a reader does who has only the page."""
+    data = (FOLDER / "eyes.bin").read_bytes()
+    rows = re.findall(r"^\| (`\w+`(?:, `\w+`)*) \| ([fi]\d)(?: (\(.*?\)))? \|", PAGE, re.M)
+    of_page = np.dtype(
+        [
+            (name, f"<{kind}", tuple(map(int, re.findall(r"\d+", shape))))
+            for names, kind, shape in rows
+            for name in re.findall(r"\w+", names)
+        ]
+    )
+    expected = contract("eyes.json")
+    for dtype in (EYES, of_page):
+        (record,) = np.frombuffer(data, dtype)
+        assert {name: record[name].tolist() for name in dtype.names or ()} == expected
+    made = np.zeros((), EYES)
+    EyesRecord.of(np.frombuffer(data, EYES)[0]).write(made)
+    made["head_px"] = expected["head_px"]
+    assert made.tobytes() == data
+
+
+def test_tap_messages_have_the_fields_of_their_topics() -> None:
+    messages = contract("tap.json")
+    for topic in TOPICS:
+        examples = [message for message in messages if message["topic"] == topic.name]
+        head = {"topic", "t_ns"} if topic.writers == SUPERVISOR else {"topic", "t_ns", "stage"}
+        assert set().union(*examples) == head | set(topic.fields), topic.name
+    assert {message["topic"] for message in messages} == {topic.name for topic in TOPICS}
+
+
+def test_page_names_the_fields_of_each_answer() -> None:
+    rows = {
+        name: row
+        for row in section("Control").splitlines()
+        if row.startswith("| `")
+        for name in re.findall(r"`(\w+)`", row.split("|")[1])
+    }
+    for pair in contract("wire_format.json")["requests and answers of a session"]:
+        command = pair["request"]["cmd"]
+        if not pair["answer"]["ok"] or command == "status":
+            continue
+        request, answer = (rows[command].split("|")[k] for k in (2, 3))
+        for text, fields in (
+            (request, pair["request"].keys() - {"v", "cmd", "id"}),
+            (answer, pair["answer"].keys() - OF_EVERY_ANSWER),
+        ):
+            assert all(f"`{field}`" in text for field in fields), (command, fields)
+
+
+def test_page_shows_the_fields_of_the_monitor() -> None:
+    text = section("Monitor")
+    for field in contract("wire_format.json")["monitor --json"]:
+        assert f'"{field}"' in text or f"`{field}`" in text, field
+
+
+def test_page_names_the_fields_of_a_report() -> None:
+    report = json.loads((FOLDER.parent / "replay" / "reference" / "report.json").read_text())
+    page = (DOCS / "replay.md").read_text() + PAGE
+    assert not [field for field in report if f"`{field}`" not in page]
