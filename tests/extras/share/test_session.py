@@ -15,6 +15,7 @@ import numpy as np
 import psutil
 import pytest
 
+from lfpipe.transport.clock import SECOND_NS
 from tests.extras.share.receivers import OpentrackReceiver, free_port, lsl_environment, osc_server
 from tests.support.world import World
 
@@ -84,7 +85,8 @@ def test_osc_gets_the_eyes_of_every_frame_and_the_head_between_them(sharing: Sha
     seqs = [frame[1] for (_, frame), _, _ in triples]
     assert len(seqs) > 20 and seqs == sorted(set(seqs))
     for (_, frame), (_, eyes), (_, head) in triples:
-        assert frame[0] == 1 and frame[2] == sensor.get(frame[1], frame[2])
+        t_ns = frame[2] * SECOND_NS + frame[3]
+        assert frame[0] == 1 and t_ns == sensor.get(frame[1], t_ns)
         assert head[:3] == pytest.approx(np.mean([eyes[:3], eyes[3:]], axis=0), abs=1e-3)
         assert math.dist(eyes[:3], eyes[3:]) == pytest.approx(63, rel=0.06)
 
