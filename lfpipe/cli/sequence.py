@@ -242,7 +242,7 @@ def import_(video: Path, out: Path, truth: Path | None) -> None:
                 codec, packet = (
                     ("jpeg", frame.packet.tobytes())
                     if frame.packet is not None
-                    else encoded(picture, fast=False)
+                    else ("png", encoded(picture))
                 )
                 t_ns = round(writer.count * 1e9 / rate_hz)
                 writer.append(packet, codec, writer.count, 0, t_ns, t_ns)

@@ -396,6 +396,18 @@ class Replay:
     )
 
 
+@attrs.frozen
+class Record:
+    format: Literal["jpeg", "lossless"] = key(
+        "jpeg",
+        replays=False,
+        doc=(
+            "recordings of a source without JPEGs: jpeg of quality 85, or lossless, six times as"
+            " large"
+        ),
+    )
+
+
 @attrs.frozen(kw_only=True)
 class Config:
     """The whole tree. Immutable: `updated` returns a new tree."""
@@ -407,6 +419,7 @@ class Config:
     scene: Scene = Scene()
     governor: Governor = Governor()
     replay: Replay = Replay()
+    record: Record = Record()
 
 
 SECTIONS: dict[str, Any] = {section.name: section.type for section in attrs.fields(Config)}

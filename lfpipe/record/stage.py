@@ -146,12 +146,13 @@ class EyesReader:
 class Store:
     """Writes frames in a thread of its own, so that a slow disk does not block reading the ring.
 
-    Packets are stored unchanged. Pictures are stored as PNG, or raw if more than a quarter of the
-    buffer is in use. failure: the reason why storing ended; "" if it has not.
+    Packets are stored unchanged. Pictures are stored as JPEG or, lossless, as PNG, or raw if more
+    than a quarter of the buffer is in use. failure: the reason why storing ended; "" if it has not.
     """
 
-    def __init__(self, writer: SequenceWriter, frame_bytes: int) -> None:
+    def __init__(self, writer: SequenceWriter, frame_bytes: int, lossless: bool) -> None:
         self._writer = writer
+        self._lossless = lossless
         self._room = max(MIN_FRAMES, ROOM_BYTES // frame_bytes)
         # Yields to threads that wake up for a live picture. A lower priority would be wrong:
         # preempted while it holds the GIL, this thread would block the other one.
@@ -190,9 +191,12 @@ class Store:
             return 0
         self._begun_ns = now_ns()
         try:
-            codec, packet = (
-                (codec, frame) if isinstance(frame, bytes) else encoded(frame, fast=self._hurry)
-            )
+            if isinstance(frame, bytes):
+                packet = frame
+            else:
+                lossless = "raw" if self._hurry else "png"
+                codec = lossless if self._lossless else "jpeg"
+                packet = encoded(frame, codec)
             self._writer.append(
                 packet, codec, stamp.source_seq, stamp.epoch, stamp.t_sensor_ns, stamp.t_read_ns
             )
@@ -206,7 +210,7 @@ class Store:
     def close(self) -> None:
         """Waits until everything is on disk.
 
-        The rest is not compressed, so that a session ends quickly.
+        A lossless rest is not compressed, so that a session ends quickly.
         """
         self._hurry = True
         self._thread.shutdown()
@@ -233,15 +237,17 @@ class Stream:
         self._row = context.row
         self._last_ns = 0
         size_px = reader.size_px
+        config = context.config
         self.writer = SequenceWriter(
             folder,
             redacted(source),
             size_px,
-            rate_hz or context.config.render.nominal_hz,
+            rate_hz or config.render.nominal_hz,
             versions=versions(),
             **more,
         )
-        self.store = Store(self.writer, 3 * math.prod(size_px))
+        lossless = config.record.format == "lossless"
+        self.store = Store(self.writer, 3 * math.prod(size_px), lossless)
 
     def take(self) -> None:
         """Passes new frames to the store while it has space."""

@@ -374,7 +374,7 @@ def _save(folder: Path, frame: int, was: NDArray[np.uint8], now: NDArray[np.uint
         for name, picture in sides.items():
             write_output(
                 out / f"frame_{frame:06d}_{name}.png",
-                marked_picture(encoded(picture, fast=False)[1]),
+                marked_picture(encoded(picture)),
             )
     except OSError as error:
         raise UserError(f"{out}: {reason(error)}", PLACE) from None

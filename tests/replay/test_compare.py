@@ -93,7 +93,7 @@ def redrawn(folder: Path, draw: Callable[[Picture], Picture]) -> None:
         size = np.frombuffer(data[16:24], ">u4")  # of a PNG's first chunk
         picture = draw(decoded(packet, data, int(size[0]), int(size[1]), kept))
         writer.append(
-            encoded(picture, fast=False)[1],
+            encoded(picture),
             "png",
             packet.source_seq,
             packet.epoch,

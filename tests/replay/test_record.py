@@ -17,8 +17,8 @@ import pytest
 from click.testing import CliRunner
 
 from lfpipe.cli.sequence import record
-from lfpipe.sequence.folder import Sequence, open_sequence
-from lfpipe.sequence.packets import INDEX
+from lfpipe.sequence.folder import Sequence, new_sequence, open_sequence
+from lfpipe.sequence.packets import INDEX, encoded
 from lfpipe.supervisor.effects import EndKind, Outcome
 from tests.support.world import World, runs
 
@@ -178,6 +178,44 @@ def test_jpegs_of_another_size_stay_and_replay_as_they_were_tracked(
     assert runs[0]["config"]["camera"]["width_px"] == 320, (
         "the size that was tracked, not that of the JPEGs"
     )
+
+
+def noisy(folder: Path, short: Path) -> Path:
+    """A lossless film of a face with the noise of a webcam, 2 s of 640x480."""
+    noise = np.random.default_rng(1)
+    with new_sequence(folder, "made", (640, 480), 30.0) as writer:
+        for packet in open_sequence(short).packets:
+            big = cv2.resize(open_sequence(short).frame(packet.seq), (640, 480))
+            frame = np.clip(big + noise.normal(0, 2, big.shape), 0, 255).astype(np.uint8)
+            t_ns = packet.t_sensor_ns
+            writer.append(encoded(frame), "png", packet.seq, 0, t_ns, t_ns)
+    return folder
+
+
+def test_ten_seconds_of_a_camera_without_jpegs_take_at_most_10_mb(
+    world: World, short: Path, blocks: Path
+) -> None:
+    """They were stored without loss, as 30 to 170 MB."""
+    film = noisy(world.root / "film", short)
+    camera = ("--camera", f"file:{film}?loop=0&pace=30")
+    recorded = {}
+    for kind in ("jpeg", "lossless"):
+        out = world.root / kind
+        more = ("--set", f"record.format={kind}") if kind == "lossless" else ()
+        world.done("record", out, *camera, *more)
+        recorded[kind] = open_sequence(out)
+    jpeg, lossless = recorded.values()
+    assert jpeg.codecs == {"jpeg"} and lossless.codecs <= {"png", "raw"}
+    assert len(jpeg.packets) > 30
+    assert sum(packet.bytes for packet in jpeg.packets) * 300 / len(jpeg.packets) < 10e6
+    for packet in itertools.islice(lossless.packets, 3):
+        source = open_sequence(film).frame(packet.source_seq)
+        assert np.array_equal(lossless.frame(packet.seq), source)
+    reports = []
+    for name in ("one", "two"):
+        world.done("replay", world.root / "jpeg", "--scene", blocks, "--out", world.root / name)
+        reports.append(json.loads((world.root / name / "report.json").read_text()))
+    assert reports[0]["digests"] == reports[1]["digests"] and reports[0]["counts"]["faces"] > 30
 
 
 def test_a_live_session_lends_the_ring_only_while_it_records_each_whole(

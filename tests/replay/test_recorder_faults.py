@@ -126,7 +126,7 @@ def stamp(number: int) -> Stamp:
 
 def made(folder: Path) -> tuple[SequenceWriter, Store]:
     writer = SequenceWriter(folder, "demo", SHAPE[1::-1], 30.0)
-    return writer, Store(writer, 3 * SHAPE[0] * SHAPE[1])
+    return writer, Store(writer, 3 * SHAPE[0] * SHAPE[1], lossless=True)
 
 
 def test_any_error_in_the_thread_ends_the_recording_with_a_message(
@@ -135,9 +135,7 @@ def test_any_error_in_the_thread_ends_the_recording_with_a_message(
     def fails(*_: object, **__: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr(
-        stage, "encoded", lambda frame, fast: ("png", b"") if frame.any() else fails()
-    )
+    monkeypatch.setattr(stage, "encoded", lambda frame, codec: b"" if frame.any() else fails())
     writer, store = made(tmp_path)
     for number, picture in enumerate(
         (np.ones(SHAPE, np.uint8), np.zeros(SHAPE, np.uint8), np.ones(SHAPE, np.uint8))
@@ -156,7 +154,9 @@ def test_a_full_store_empties_itself_and_keeps_the_order(
 ) -> None:
     monkeypatch.setattr(stage, "ROOM_BYTES", 0)  # room for the fewest there may be
     gate = threading.Event()
-    monkeypatch.setattr(stage, "encoded", lambda frame, fast: gate.wait() and encoded(frame, fast))
+    monkeypatch.setattr(
+        stage, "encoded", lambda frame, codec: gate.wait() and encoded(frame, codec)
+    )
     _, store = made(tmp_path)
     count = 0
     while not store.full:

@@ -42,10 +42,8 @@ def made_sequence(out: Path) -> Path:
     writer = SequenceWriter(out, "demo", SIZE, 30.0, versions={"lfpipe": "0.1.0"}, config=config)
     truth = ["source_seq,t_ns,left_x_px,left_y_px,right_x_px,right_y_px,visible"]
     for seq in range(FRAMES):
-        codec, data = encoded(picture(seq), fast=seq % 3 == 1)
-        if seq % 3 == 0:
-            codec = "jpeg"
-            data = cv2.imencode(".jpg", picture(seq))[1].tobytes()
+        codec = ("jpeg", "raw", "png")[seq % 3]
+        data = encoded(picture(seq), codec)
         t_ns = seq * STEP_NS
         writer.append(data, codec, seq, 0, 10**9 + t_ns, 10**9 + t_ns + 5)
         points = [[40.0 + seq, 20.0], [24.0 + seq, 20.5]]

@@ -88,8 +88,7 @@ class ReplayWriter(Listener):
     def _store(self, stamp: Stamp, picture: NDArray[np.uint8]) -> None:
         if stamp.source_seq % self._stride:
             return
-        _, data = encoded(picture, fast=False)
-        self._kept[stamp.source_seq] = (stamp, data)
+        self._kept[stamp.source_seq] = (stamp, encoded(picture))
         while (
             sum(len(kept) for _, kept in self._kept.values()) > KEPT_BYTES and len(self._kept) > 1
         ):
@@ -107,7 +106,6 @@ class ReplayWriter(Listener):
                 )
             writer.close()
             for name, picture in self._named.items():
-                _, data = encoded(picture, fast=False)
-                write_file(self._folder / f"{name}.png", marked_picture(data))
+                write_file(self._folder / f"{name}.png", marked_picture(encoded(picture)))
         except OSError as error:
             self._lost(f"{self._folder}: {error.strerror}")
