@@ -143,6 +143,17 @@ _plain("recentre", "Make the viewer's position the centre of the grid.")
 _plain("stop", "End the session.")
 
 
+@ctl.command()
+@click.argument("source", metavar="SOURCE")
+@click.pass_obj
+def viewer(send: Send, source: str) -> None:
+    """Choose who looks: a camera or file, as for `lfpipe up --camera`, demo, or mouse."""
+    kind, _, path = source.partition(":")
+    if kind == "file":  # the session may run in another folder
+        source = f"file:{Path(path).expanduser().absolute()}"
+    send({"cmd": "viewer", "source": source}, FILE_CHECK_TIMEOUT_S)
+
+
 @ctl.group()
 def record() -> None:
     """Record the camera of a running session."""

@@ -44,6 +44,7 @@ from lfpipe.render.choice import DisplayTime, EyesSource
 from lfpipe.render.display.display import Display
 from lfpipe.render.display.file_display import save
 from lfpipe.render.display.open_display import open_display
+from lfpipe.render.display.overlay import Pointer
 from lfpipe.render.display.refresh import Refresh, ScreenRefresh
 from lfpipe.render.listeners.live_row import LiveRow
 from lfpipe.render.listeners.motion_latency import MotionLatencyRow
@@ -437,6 +438,12 @@ class RenderStage:
                     self._viewer.recentre()
                 self._presenter.redraw()
                 context.answer(message)
+            elif word == "look":
+                self._mouse.move(Pointer(x=message["x"], y=message["y"]), now_ns())
+                self._presenter.redraw()
+                context.answer(message)
+            elif word == "action":
+                context.answer(message, text=self._ui.act(message["name"]))
             elif word == "loading":
                 self._ui.scenes.report(message)
             elif word == "preview":

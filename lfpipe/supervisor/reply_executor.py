@@ -111,7 +111,8 @@ class ReplyExecutor:
         elif reply.executed_by:
             number = self._pending.await_stages(request, reply.executed_by, now_ns())
             for stage in reply.executed_by:  # nothing else of the request reaches a stage
-                self._sockets.send(stage, {"cmd": request.command, "number": number})
+                command = {"cmd": request.command, "number": number, **reply.sent}
+                self._sockets.send(stage, command)
         else:
             self._answer(request, reply)
         if not reply.stop:

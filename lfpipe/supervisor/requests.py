@@ -17,7 +17,7 @@ import attrs
 
 from lfpipe import config as config_module
 from lfpipe.config import DrawingCosts, SceneSummary, converter
-from lfpipe.config.modes import CameraViewer, Lossless, MouseViewer, Window
+from lfpipe.config.modes import CameraViewer, Lossless, MouseViewer
 from lfpipe.errors import UserError
 from lfpipe.plugins import REQUESTS, guarded, load, plugins
 from lfpipe.scene.open_scene import PackerRequest
@@ -37,6 +37,8 @@ OUTPUTS = {
 }
 # requests that only the stage that shows pictures may send
 OF_THE_WINDOW = ("keep", "dialog", "costs")
+# what a client may do as if it had pressed the key in the window: actions of `lfpipe.render.ui`
+REMOTE_ACTIONS = ("record", "screenshot", "glasses")
 KEPT = ("section", "values", "depth")
 DEPTHS = ("yes", "no", "asked")  # saved values for the depth order of a scene
 LEASE_S, MAX_LEASE_S = 5.0, 60.0  # of the ring of pictures
@@ -64,6 +66,8 @@ class Reply:
     """The real reply comes from `on_chosen`."""
     executed_by: tuple[str, ...] = ()
     """The stages that execute the command, and then answer."""
+    sent: Message = attrs.field(factory=dict)
+    """What they receive with it."""
     with_stages: bool = False
     """The answer includes the metrics of the session."""
     silent: bool = False
@@ -218,11 +222,8 @@ def _output(state: SessionState, message: Message, _t_ns: int) -> Reply:
     if not path:
         ended: Message = {option: ""}
         return Reply(answer={"path": running}, state=state.changed(**ended))
-    if command == "record" and not has_eyes(state):
-        raise UserError(
-            "no camera is in use: the scene is a single view",
-            "record without a scene: `lfpipe record OUT`",
-        )
+    if command == "record":
+        _check_eyes(state)
     if command == "record" and state.paused:
         raise UserError(
             "the session is paused: nothing would be recorded",
@@ -255,7 +256,7 @@ def _viewer(state: SessionState, message: Message, _t_ns: int) -> Reply:
         values = converter().unstructure(state.config.camera)
         check = FileCheck(check="viewer", path=source or "camera", source=source, values=values)
         return Reply(check=check)
-    if not isinstance(options.display, Window) or options.lock_code:
+    if options.lock_code:
         raise UserError("this session has no mouse", "choose a camera, or demo")
     return Reply(answer={"source": source}, state=state.changed(viewer=MouseViewer()))
 
@@ -330,6 +331,15 @@ def respond_checked(state: SessionState, message: Message, result: Message, t_ns
     return Reply(answer={"path": path}, state=state.changed(**{option: path}))
 
 
+def _check_eyes(state: SessionState) -> None:
+    """Raises UserError if there is nothing to record."""
+    if not has_eyes(state):
+        raise UserError(
+            "no camera is in use: the scene is a single view",
+            "record without a scene: `lfpipe record OUT`",
+        )
+
+
 def has_eyes(state: SessionState) -> bool:
     """Whether the current scene needs eyes, and the session tracks them."""
     return state.options.viewer.tracked or isinstance(state.options.viewer, MouseViewer)
@@ -374,6 +384,31 @@ def _is_positive(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf
 
 
+def _look(state: SessionState, message: Message, _t_ns: int) -> Reply:
+    """Moves the mouse that is the viewer to `x`, `y`, shares of the picture."""
+    place = {axis: message.get(axis) for axis in ("x", "y")}
+    for axis, share in place.items():
+        if isinstance(share, bool) or not isinstance(share, int | float) or not 0 <= share <= 1:
+            raise BadMessage(f"look: {axis} {share!r:.100} is not a share from 0 to 1")
+    if not isinstance(state.options.viewer, MouseViewer):
+        raise UserError("the viewer is not the mouse", "exchange it: `lfpipe ctl viewer mouse`")
+    return Reply(executed_by=(SHOWN_BY,), sent=place)
+
+
+def _action(state: SessionState, message: Message, _t_ns: int) -> Reply:
+    """Does what the key of an action does in the window."""
+    name = message.get("name")
+    if name not in REMOTE_ACTIONS:
+        raise BadMessage(f"action: name {name!r:.100} is not one of {', '.join(REMOTE_ACTIONS)}")
+    if not state.options.show or isinstance(state.options.clock, Lossless):
+        raise UserError("nobody looks at this session", "start one that shows: `lfpipe up SCENE`")
+    if name == "record":
+        _check_eyes(state)
+    if name == "glasses" and state.options.lock_code:
+        raise UserError("the window is locked", "test the glasses before `--kiosk`")
+    return Reply(executed_by=(SHOWN_BY,), sent={"name": name})
+
+
 def _absolute(path: str) -> bool:
     """Whether a path means the same for the supervisor as for its sender."""
     return path.startswith("/") and "\0" not in path
@@ -397,6 +432,8 @@ HANDLERS: dict[str, Handler] = {
     "pause": partial(_pause, paused=True),
     "resume": partial(_pause, paused=False),
     "recentre": _recentre,
+    "look": _look,
+    "action": _action,
     "load": _load,
     "previews": _previews,
     "pictures": _pictures,

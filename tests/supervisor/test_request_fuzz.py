@@ -40,6 +40,8 @@ def valid(scene: Path) -> list[Message]:
         {"cmd": "pause"},
         {"cmd": "resume"},
         {"cmd": "recentre"},
+        {"cmd": "look", "x": 0.5, "y": 0.5},
+        {"cmd": "action", "name": "glasses"},
         {"cmd": "load", "scene": str(scene), "layout": "auto", "grid": ""},
         {"cmd": "load", "at": 0},
         {"cmd": "load", "step": 1},

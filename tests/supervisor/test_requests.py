@@ -13,10 +13,12 @@ from hypothesis import given, settings
 from lfpipe.config import Scene, SceneSummary, user_file
 from lfpipe.config.modes import CameraViewer, MouseViewer, NoViewer, Window
 from lfpipe.errors import UserError
+from lfpipe.render.ui.actions import ACTIONS
 from lfpipe.scene.open_scene import PackerRequest
 from lfpipe.supervisor.file_checks import FileCheck
 from lfpipe.supervisor.process_table import SCORER
 from lfpipe.supervisor.requests import (
+    REMOTE_ACTIONS,
     Reply,
     commands,
     on_chosen,
@@ -274,7 +276,6 @@ def test_paused_session_refuses_a_recording_that_would_stay_empty() -> None:
     [
         (made_state(record="/r"), "being recorded"),
         (made_state(viewer=NoViewer()), "single view"),
-        (made_state(), "no mouse"),
         (made_state(display=Window(lock_code="code")), "no mouse"),
     ],
 )
@@ -297,6 +298,37 @@ def test_viewer_is_exchanged_by_the_mouse_and_after_a_check_by_a_camera() -> Non
         source="camera:/dev/video0", rate_hz=30.0, jpeg_px=(640, 480)
     )
     assert by_camera.rolled_back().options.viewer == state.options.viewer
+
+
+def test_a_pointer_of_a_client_looks_where_the_mouse_is_the_viewer() -> None:
+    state = made_state(viewer=MouseViewer())
+    place = {"x": 0.25, "y": 1}
+    reply = respond(state, {"cmd": "look", **place, "more": "not passed on"}, 0)
+    assert reply == Reply(executed_by=("render",), sent=place)
+    assert "`lfpipe ctl viewer mouse`" in str(
+        refusal(respond, made_state(), {"cmd": "look", **place}, 0).remedy
+    )
+    for wrong in (None, "0", True, -0.1, 1.1, float("nan")):
+        with pytest.raises(BadMessage, match="look: x"):
+            respond(state, {"cmd": "look", **place, "x": wrong}, 0)
+
+
+def test_a_client_may_press_some_keys_of_the_window() -> None:
+    assert set(REMOTE_ACTIONS) <= set(ACTIONS)
+    for name in REMOTE_ACTIONS:
+        reply = respond(made_state(), {"cmd": "action", "name": name}, 0)
+        assert reply == Reply(executed_by=("render",), sent={"name": name})
+        with pytest.raises(UserError, match="nobody looks"):
+            respond(made_state(show=False), {"cmd": "action", "name": name}, 0)
+    for name, state, why in (
+        ("record", made_state(viewer=NoViewer()), "single view"),
+        ("glasses", made_state(display=Window(lock_code="code")), "locked"),
+    ):
+        with pytest.raises(UserError, match=why):
+            respond(state, {"cmd": "action", "name": name}, 0)
+    for wrong in ("quit", ["record"], None):
+        with pytest.raises(BadMessage, match="action: name"):
+            respond(made_state(), {"cmd": "action", "name": wrong}, 0)
 
 
 def test_respond_checked_respects_what_was_done_meanwhile() -> None:

@@ -16,4 +16,4 @@ def monitor(proceed: Callable[..., Any], *, web: str | None, **values: Any) -> A
         raise click.UsageError(f"--web excludes {'--once' if values['once'] else '--json'}")
     from lfpipe.extras.web.server import serve  # Tornado is not needed for anything else
 
-    return serve(values["session_name"], web or ":8765", print_result)
+    return serve(values["session_name"], web, print_result)

@@ -20,10 +20,12 @@ import zmq
 from numpy.typing import NDArray
 
 from lfpipe.config import converter
+from lfpipe.config.modes import MouseViewer
 from lfpipe.errors import UserError
 from lfpipe.monitor.monitor import photon_words
 from lfpipe.monitor.session_reader import Follower, Sample
 from lfpipe.render.synthesis.zero_plane import zero_planes_px
+from lfpipe.supervisor.process_table import TRACKED_BY
 from lfpipe.supervisor.rundir import ask
 from lfpipe.transport import control, ring
 from lfpipe.transport.clock import SECOND_NS, now_ns
@@ -50,7 +52,8 @@ def metrics_of(state: Sample) -> dict[str, Any]:
     """The state for the page, without the options, which are not for every viewer.
 
     Adds `scene`: its name; `depth_inverted`; `depth_px`: smallest and largest zero plane to offer,
-    and step; `playlist`: names of scenes; `playlist_at`.
+    and step; `playlist`: names of scenes; `playlist_at`; `mouse`: whether it is the viewer;
+    `recording`.
     """
     metrics = state.metrics
     shown = metrics.to_dict()
@@ -61,13 +64,18 @@ def metrics_of(state: Sample) -> dict[str, Any]:
     }
     if (settings := state.settings) is None:
         return shown
+    options = settings.options
+    if not options.viewer.tracked:  # a camera that another viewer has replaced
+        for name in ("capture", TRACKED_BY):
+            shown["stages"].pop(name, None)
     shown |= {"config": converter().unstructure(settings.config), "paused": settings.paused}
-    if (scene := settings.options.scene) is not None:
+    shown |= {"mouse": isinstance(options.viewer, MouseViewer), "recording": bool(options.record)}
+    if (scene := options.scene) is not None:
         shown |= {
             "scene": scene.name,
             "depth_inverted": scene.depth_inverted,
-            "playlist": [Path(path).name for path in settings.options.playlist],
-            "playlist_at": settings.options.playlist_at,
+            "playlist": [Path(path).name for path in options.playlist],
+            "playlist_at": options.playlist_at,
             "depth_px": zero_planes_px(scene.disparity_min_px, scene.disparity_max_px),
         }
     return shown

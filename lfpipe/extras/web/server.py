@@ -42,7 +42,8 @@ KINDS = {
     ".js": "text/javascript; charset=utf-8",
     ".css": "text/css; charset=utf-8",
 }
-COMMANDS = ("set", "pause", "resume", "recentre", "load", "reset")
+COMMANDS = ("set", "pause", "resume", "recentre", "look", "action", "load", "reset")
+PORTS = range(8765, 8785)  # where a browser finds the page again; one for each of some sessions
 COMMAND_FORM = f"send a JSON map with cmd, one of {', '.join(COMMANDS)}"
 # Limits: far above the needs of a classroom of browsers, far below a load that disturbs a session.
 # for the headers of a request, for its body, between two requests, and to receive an answer or a
@@ -387,20 +388,25 @@ class Commands(Handler):
         return message
 
 
+def _bound(host: str, ports: Iterable[int]) -> list[socket.socket]:
+    """Sockets of the first free one of the ports. Raises UserError."""
+    for port in ports:
+        try:
+            return bind_sockets(port, host, backlog=WAITING)
+        except OSError as error:
+            why = f"--web {host}:{port}: {error.strerror or error}"
+    raise UserError(why, "use another port, 0 for a free one, or an address of this machine")
+
+
 def serve(name: str, address: str, tell: Callable[[str], None]) -> None:
-    """Serves the page of session `name` on `[HOST]:PORT` until Ctrl-C.
+    """Serves the page of session `name` on `[HOST]:PORT` until Ctrl-C; without an address, on the
+    next free port of this machine.
 
     Raises UserError if the port is in use.
     """
-    host, port = parse_address(address)
+    host, port = parse_address(address or f":{PORTS.start}")
     allow_files()
-    try:
-        sockets = bind_sockets(port, host, backlog=WAITING)
-    except OSError as error:
-        raise UserError(
-            f"--web {host}:{port}: {error.strerror or error}",
-            "use another port, 0 for a free one, or an address of this machine",
-        ) from None
+    sockets = _bound(host, (port,) if address else (*PORTS, 0))
     for sock in sockets:
         # small, so that a slow reader of a stream skips to the newest data
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 64 << 10)

@@ -11,7 +11,7 @@ import attrs
 from lfpipe.config.modes import Window
 from lfpipe.render.display.display import Display
 from lfpipe.render.display.open_display import HINT
-from lfpipe.render.display.overlay import Event, Item, Overlay
+from lfpipe.render.display.overlay import Event, Item, Overlay, Pointer
 from lfpipe.render.presenter import Presenter
 from lfpipe.render.ui.keys import CLOSING, DEPTH, bar_items
 from lfpipe.render.ui.notices import (
@@ -72,6 +72,7 @@ class Ui:
         self.glasses_question = GlassesQuestion(context)
         self.glasses_test = GlassesTest(context, presenter, self.settings)
         self._mouse = mouse
+        self._pointer = Pointer()
         self._display = display
         self._overlay = Overlay()
         self._actions = actions
@@ -100,13 +101,12 @@ class Ui:
     def serve(self) -> None:
         """Handles the events since the last call and updates the overlay."""
         for event in self._display.events():
-            self.presenter.redraw()
-            if event.name in CLOSING and not (self.page and self.page.stays):
-                self.close_page()
-            if event.name in self._actions:
-                self._actions[event.name](self, event)
+            self._do(event)
         t_ns = now_ns()
-        self._mouse.move(self._display.pointer, t_ns)
+        pointer = self._display.pointer
+        if pointer != self._pointer or pointer.wheel:  # else a client may have moved it
+            self._pointer = pointer
+            self._mouse.move(pointer, t_ns)
         self.pass_on_notices()
         # a larger picture has larger parallax
         if self.viewer.set_width(self._display.width_mm()):
@@ -117,6 +117,22 @@ class Ui:
         if self.recording.update(t_ns):
             self.presenter.redraw()
         self._set_overlay(t_ns)
+
+    def act(self, name: str) -> str:
+        """Does what the key of an action does, and returns what the window says to it."""
+        before = self.notices.newest
+        self._do(Event(name))
+        if self.page is self.glasses_test:
+            return self.page.overlay(now_ns()).lines[0]
+        newest = self.notices.newest
+        return "" if newest is before or newest is None else newest[0]
+
+    def _do(self, event: Event) -> None:
+        self.presenter.redraw()
+        if event.name in CLOSING and not (self.page and self.page.stays):
+            self.close_page()
+        if event.name in self._actions:
+            self._actions[event.name](self, event)
 
     def handle(self, answer: Answer) -> None:
         """Handles the answer to a request of the window."""

@@ -63,6 +63,11 @@ class Notices:
         self._passing.pop(subject, None)  # the newest comes last
         self._passing[subject] = text, now_ns() + shown_ns
 
+    @property
+    def newest(self) -> tuple[str, int] | None:
+        """The last one that was shown, and its end."""
+        return next(reversed(self._passing.values()), None)
+
     def lines(self, t_ns: int, standing: list[str]) -> tuple[str, ...]:
         """The lines to show at t_ns. standing: those that stay while they are true."""
         passing = [text for text, end_ns in self._passing.values() if end_ns > t_ns]

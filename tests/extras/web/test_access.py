@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.extras.web.page_feed import Feed
-from lfpipe.extras.web.server import Site, named, parse_address, url_of
-from tests.extras.web.server import Server
+from lfpipe.extras.web.server import PORTS, Site, named, parse_address, url_of
+from tests.extras.web.server import Server, served
 from tests.support.browser import Browser, missing
 from tests.support.refusal import refusal
 from tests.support.world import World, until
@@ -134,6 +134,13 @@ def test_page_passes_on_its_own_commands_alone(server: Server, world: World) -> 
     assert answer["ok"] is False and "no session" in answer["error"]
     assert json.loads(next(server.events())[1]) == {"alive": False}
     assert "another port" in world.refused("monitor", "--web", f":{server.port}")
+
+
+@pytest.mark.live
+def test_the_page_takes_the_next_port_unless_one_is_asked_for(world: World) -> None:
+    """A second monitor was refused, although nobody had asked for the port of the first."""
+    with served(world, "") as first, served(world, "") as second:
+        assert first.port in PORTS and second.port in PORTS and first.port < second.port
 
 
 @pytest.fixture

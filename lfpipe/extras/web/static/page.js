@@ -10,34 +10,35 @@ window.lfpipe = page; // for the tests
 history.replaceState(null, "", document.baseURI); // removes the token from the address; the cookie keeps it for this path
 
 const axis = { stroke: () => ink("dim"), grid: { stroke: () => ink("line"), width: 1 }, ticks: { stroke: () => ink("line") } };
-const rows = { t: [], age: [], stages: {} };
+const rows = { t: [], lines: {} };
 
 function wide(element) { return Math.max(240, element.clientWidth); }
 
 const ms = (value) => value === null || value === undefined ? "" : `${value.toFixed(1)} ms`;
 
-const dash = (times, key) => times.n ? times[key].toFixed(1) : "–"; // a metric without a value
-
 function makeLatency(names) {
   const newest = (plot, at, k) => ms(at === null ? plot.data[k][plot.data[k].length - 1] : at); // for the legend, also without a pointer
-  const line = (label, key) => ({ label, value: newest, stroke: () => inkOf(key), width: key === "age" ? 2 : 1.2, points: { show: false } });
-  const series = [{ label: "session time, s", value: (_, at) => at === null ? "" : at.toFixed(1) }, line("age of pictures", "age"), ...names.map((name) => line(`${name} wait + busy`, name))];
+  const line = (name) => ({ label: name === "age" ? "age of pictures" : `${name} wait + busy`, value: newest, stroke: () => inkOf(name), width: name === "age" ? 2 : 1.2, points: { show: false } });
+  const series = [{ label: "session time, s", value: (_, at) => at === null ? "" : at.toFixed(1) }, ...names.map(line)];
   const options = { width: wide($("latency")), height: 220, series, scales: { x: { time: false } }, axes: [{ ...axis, label: "session time, s", labelSize: 22, stroke: () => ink("dim") },
     { ...axis, label: "ms", labelSize: 22 }] };
-  return new uPlot(options, [[], [], ...names.map(() => [])], $("latency"));
+  return new uPlot(options, [[], ...names.map(() => [])], $("latency"));
 }
 
 function charts(sample) {
-  const names = Object.keys(sample.stages);
-  if (page.latency === null || names.join() !== Object.keys(rows.stages).join()) {
+  const newest = sample.stages.capture ? { age: sample.end_to_end.n ? sample.end_to_end.p50_ms : null } : {}; // without a camera, no frame ages
+  for (const [name, stage] of Object.entries(sample.stages)) newest[name] = stage.busy.n ? stage.wait.p50_ms + stage.busy.p50_ms : null;
+  const names = Object.keys(newest);
+  if (page.latency === null || names.join() !== Object.keys(rows.lines).join()) {
     if (page.latency) page.latency.destroy();
-    rows.t = []; rows.age = []; rows.stages = Object.fromEntries(names.map((name) => [name, []]));
+    rows.t = []; rows.lines = Object.fromEntries(names.map((name) => [name, []]));
     page.latency = makeLatency(names);
   }
-  rows.t.push(sample.uptime_s); rows.age.push(sample.end_to_end.n ? sample.end_to_end.p50_ms : null);
-  for (const [name, stage] of Object.entries(sample.stages)) rows.stages[name].push(stage.busy.n ? stage.wait.p50_ms + stage.busy.p50_ms : null);
-  for (const list of [rows.t, rows.age, ...Object.values(rows.stages)]) if (list.length > POINTS) list.shift();
-  page.latency.setData([rows.t, rows.age, ...Object.values(rows.stages)]);
+  rows.t.push(sample.uptime_s);
+  for (const name of names) rows.lines[name].push(newest[name]);
+  const lists = [rows.t, ...Object.values(rows.lines)];
+  for (const list of lists) if (list.length > POINTS) list.shift();
+  page.latency.setData(lists);
 }
 
 function table(sample) {
@@ -66,7 +67,8 @@ async function command(message) {
   try {
     const answer = await fetch("ctl", { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(message) });
     const reply = await answer.json();
-    $("note").textContent = reply.ok ? "" : reply.error + (reply.remedy ? ` (${reply.remedy})` : "");
+    const said = Object.values(reply.stages || {}).map((stage) => stage.text || "").join("");
+    $("note").textContent = reply.ok ? said : reply.error + (reply.remedy ? ` (${reply.remedy})` : "");
   } catch { $("note").textContent = "the monitor has ended"; }
 }
 
@@ -78,6 +80,21 @@ async function set(key, value) {
   while (waiting) { const sets = waiting; waiting = null; await command({ cmd: "set", set: sets }); }
   busy = false;
 }
+
+// Where the mouse is the viewer, a pointer over the picture looks around: the newest place goes next.
+let place = null, looking = false;
+async function look(event) {
+  if (!page.last || !page.last.mouse || document.body.classList.contains("watch")) return;
+  const image = $("picture"), box = image.getBoundingClientRect();
+  const scale = Math.min(box.width / image.naturalWidth, box.height / image.naturalHeight); // the picture fits into its box
+  const share = (at, middle, size) => Math.min(Math.max((at - middle) / (size * scale) + 0.5, 0), 1);
+  place = { x: share(event.clientX, box.left + box.width / 2, image.naturalWidth), y: share(event.clientY, box.top + box.height / 2, image.naturalHeight) };
+  if (looking) return;
+  looking = true;
+  while (place) { const newest = place; place = null; await command({ cmd: "look", ...newest }); }
+  looking = false;
+}
+for (const kind of ["pointerdown", "pointermove"]) $("picture").addEventListener(kind, look);
 
 const GLASSES = {
   dubois: "red/cyan glasses", colour: "red/cyan glasses, full colours", "half-colour": "red/cyan glasses, half the colours",
@@ -113,6 +130,9 @@ function show(sample) {
     if (!auto) $("alpha").value = Math.log10(render.alpha_px);
     $("alpha_out").textContent = auto ? render.alpha_px : `${render.alpha_px.toFixed(1)} px/view`;
   }
+  $("around").hidden = !sample.mouse;
+  document.body.classList.toggle("looks", sample.mouse);
+  $("record").textContent = sample.recording ? "Stop recording" : "Record";
   $("pause").textContent = sample.paused ? "Resume" : "Pause";
 }
 
@@ -131,6 +151,8 @@ $("alpha_auto").addEventListener("change", () => {
   set("render.alpha_px", $("alpha_auto").checked ? "auto" : alphaOf($("alpha").value));
 });
 for (const word of ["recentre", "reset"]) $(word).addEventListener("click", () => command({ cmd: word }));
+for (const [id, name] of [["record", "record"], ["screenshot", "screenshot"], ["glasses_test", "glasses"]])
+  $(id).addEventListener("click", () => command({ cmd: "action", name }));
 $("pause").addEventListener("click", () => command({ cmd: $("pause").textContent.toLowerCase() }));
 $("depth").addEventListener("input", () => { hold("depth"); set("render.alpha_px", "auto"); set("render.depth", Number($("depth").value)); });
 $("swap").addEventListener("click", () => set("render.swap_eyes", !page.last.config.render.swap_eyes));
@@ -155,8 +177,9 @@ function draw(event) {
   const camera = !capture || capture.state === "NONE" ? "no camera" : `camera ${sample.camera_fps.toFixed(1)} Hz`;
   $("state").textContent = `up ${minutes}:${seconds}, ${camera}${sample.camera_light ? ` (${sample.camera_light})` : ""}, viewer ${sample.viewer}`
     + `${sample.paused ? ", paused" : ""}`
-    + `${sample.level ? `, quality lowered to ${sample.level_words} (${sample.level} of ${sample.lowest_level})` : ""}; age of pictures p50 ${dash(sample.end_to_end, "p50_ms")}, p99 ${dash(sample.end_to_end, "p99_ms")} ms, `
-    + `eyes predicted by ${dash(sample.prediction, "p50_ms")} ms${sample.motion_to_photon ? `; motion to photon: ${sample.motion_to_photon}` : ""}`;
+    + `${sample.level ? `, quality lowered to ${sample.level_words} (${sample.level} of ${sample.lowest_level})` : ""}`
+    + `${sample.end_to_end.n ? `; age of pictures p50 ${sample.end_to_end.p50_ms.toFixed(1)}, p99 ${sample.end_to_end.p99_ms.toFixed(1)} ms` : ""}`
+    + `${sample.prediction.n ? `, eyes predicted by ${sample.prediction.p50_ms.toFixed(1)} ms` : ""}${sample.motion_to_photon ? `; motion to photon: ${sample.motion_to_photon}` : ""}`;
   charts(sample); table(sample); show(sample);
 }
 
