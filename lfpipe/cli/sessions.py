@@ -147,7 +147,7 @@ _plain("stop", "End the session.")
 @click.argument("source", metavar="SOURCE")
 @click.pass_obj
 def viewer(send: Send, source: str) -> None:
-    """Choose who looks: a camera or file, as for `lfpipe up --camera`, demo, or mouse."""
+    """Choose who looks: a camera or file, as for `--camera`, `demo`, or `mouse`."""
     kind, _, path = source.partition(":")
     if kind == "file":  # the session may run in another folder
         source = f"file:{Path(path).expanduser().absolute()}"
