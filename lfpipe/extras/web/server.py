@@ -9,10 +9,12 @@ cannot exhaust it.
 import asyncio
 import contextlib
 import hmac
+import io
 import ipaddress
 import logging
 import secrets
 import socket
+import sys
 from collections import Counter
 from collections.abc import Awaitable, Callable, Iterable
 from contextlib import aclosing
@@ -23,6 +25,7 @@ from typing import Any, cast
 
 import attrs
 import cv2
+import segno
 from tornado.httpserver import HTTPServer
 from tornado.httputil import HTTPConnection, HTTPMessageDelegate
 from tornado.ioloop import IOLoop
@@ -67,6 +70,7 @@ POLICY = (
     "frame-ancestors 'none'; default-src 'self'; img-src 'self' data:; base-uri 'self'; form-action"
     " 'none'"
 )
+FOR_OTHERS = "for other devices, with a QR code: lfpipe monitor --web 0.0.0.0:8765"
 WATCH_BODY = b"<body>", b'<body class="watch">'
 HEADERS = {
     "Content-Security-Policy": POLICY,
@@ -103,6 +107,21 @@ def url_of(host: str, port: int) -> str:
             except OSError:  # no network
                 host = socket.gethostname()
     return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
+
+
+def local(host: str) -> bool:
+    """Whether an address reaches this machine alone."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def drawn(code: segno.QRCode) -> list[str]:
+    """A QR code in half blocks, the lines of a terminal."""
+    text = io.StringIO()
+    code.terminal(text, border=2, compact=True)
+    return text.getvalue().splitlines()
 
 
 def named(host_header: str, bound: str) -> bool:
@@ -412,17 +431,22 @@ def serve(name: str, address: str, tell: Callable[[str], None]) -> None:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 64 << 10)
     site = Site(host=host, port=int(sockets[0].getsockname()[1]), feed=Feed(name))
     files = {path.name: path.read_bytes() for path in STATIC.iterdir() if path.suffix in KINDS}
-    files["index.html"] = files["index.html"].replace(
-        b'<base href="/">', f'<base href="{site.path}">'.encode()
-    )
+    url = url_of(site.host, site.port)
+    watch_url = f"{url}/?token={site.watch_token}"
+    code = None if local(host) else segno.make(watch_url, error="l", micro=False)
+    picture = code.svg_data_uri(scale=4, border=4, light="white") if code else ""
+    for mark, text in (('<base href="/">', f'<base href="{site.path}">'), ("@CODE@", picture)):
+        files["index.html"] = files["index.html"].replace(mark.encode(), text.encode())
     routes = [("", File), ("events", Events), ("ctl", Commands), (r"([\w.]+)", File)]
     # at the root and below the cookie's path
     handlers = [(f"(?:{site.path}|/){path}", handler) for path, handler in routes]
     app = Application(handlers, default_handler_class=Unknown, site=site, files=files)
     cv2.setNumThreads(1)  # the session's stages need the cores
-    url = url_of(site.host, site.port)
     tell(f"session {name!r} on {url}/?token={site.token} (Ctrl-C ends)")
-    tell(f"view-only, without the camera's picture: {url}/?token={site.watch_token}")
+    tell(f"view-only, without the camera's picture: {watch_url}")
+    if sys.stdout.isatty():
+        for line in drawn(code) if code else (FOR_OTHERS,):
+            tell(line)
 
     async def serving() -> None:
         server = Server(app)

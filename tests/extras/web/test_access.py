@@ -2,18 +2,22 @@
 
 import itertools
 import json
+import re
 import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import attrs
+import cv2
+import numpy as np
 import pytest
+import segno
 from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.extras.web.page_feed import Feed
-from lfpipe.extras.web.server import PORTS, Site, named, parse_address, url_of
+from lfpipe.extras.web.server import PORTS, Site, drawn, local, named, parse_address, url_of
 from tests.extras.web.server import Server, served
 from tests.support.browser import Browser, missing
 from tests.support.refusal import refusal
@@ -141,6 +145,34 @@ def test_the_page_takes_the_next_port_unless_one_is_asked_for(world: World) -> N
     """A second monitor was refused, although nobody had asked for the port of the first."""
     with served(world, "") as first, served(world, "") as second:
         assert first.port in PORTS and second.port in PORTS and first.port < second.port
+
+
+def test_the_code_of_the_page_holds_its_address() -> None:
+    url = "http://192.168.10.200:8765/?token=" + "x" * 43
+    lines = drawn(segno.make(url, error="l", micro=False))
+    assert len(lines) <= 22 and max(map(len, lines)) <= 40, "fits a terminal of 80x24"
+    halves = {" ": (0, 0), "▀": (1, 0), "▄": (0, 1), "█": (1, 1)}
+    rows = [[halves[mark][half] for mark in line] for line in lines for half in (0, 1)]
+    picture = np.kron(np.array(rows, np.uint8) * 255, np.ones((8, 8), np.uint8))
+    picture = np.pad(picture, 32, constant_values=255)
+    assert cv2.QRCodeDetector().detectAndDecode(picture)[0] == url
+    assert [local(host) for host in ("127.0.0.1", "::1", "localhost", "0.0.0.0", "10.0.0.2")] == [
+        True,
+        True,
+        True,
+        False,
+        False,
+    ]
+
+
+@pytest.mark.live
+def test_other_devices_get_a_code_on_the_page_and_in_a_terminal(world: World) -> None:
+    with served(world, "0.0.0.0:0") as server:
+        page = server.ask("GET", "/")[1].decode()
+        svg = re.findall(r'id="code" src="data:image/svg\+xml', page)
+        assert len(svg) == 1 and "@CODE@" not in page
+    with served(world) as server:
+        assert 'id="code" src=""' in server.ask("GET", "/")[1].decode()
 
 
 @pytest.fixture

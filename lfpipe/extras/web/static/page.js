@@ -160,6 +160,7 @@ $("near").addEventListener("click", () => set("scene.invert_depth", page.last.de
 const step = (by) => command({ cmd: "load", at: (page.last.playlist_at + by + page.last.playlist.length) % page.last.playlist.length });
 $("previous").addEventListener("click", () => step(-1));
 $("next").addEventListener("click", () => step(1));
+$("class").hidden = !$("code").getAttribute("src"); // an address of this machine alone is for nobody else
 $("full").addEventListener("click", () => document.querySelector(".screen").requestFullscreen());
 $("numbers").addEventListener("toggle", fit);
 
