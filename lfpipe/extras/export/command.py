@@ -9,11 +9,12 @@ import click
 from lfpipe.cli.options import PATH, SCENE, Number, with_scene
 from lfpipe.cli.plugged import Group
 from lfpipe.cli.scene import PICTURES, check_picture, opened, write_picture
-from lfpipe.cli.terminal import print_result
+from lfpipe.cli.terminal import print_result, say
 from lfpipe.config import Config
 from lfpipe.extras.export import pictures
-from lfpipe.extras.export.page import PageExport, check_page
+from lfpipe.extras.export.page import PageExport, check_page, frame_of
 from lfpipe.files.output import check_output, write_output
+from lfpipe.scene.inverted_depth import undecided
 
 Command = Callable[..., Any]
 PAIRS = (*PICTURES, ".jps", ".mpo", ".mp4")
@@ -127,6 +128,10 @@ def page(path: Path, out: Path, credit: str, config: Config) -> None:
     check_page(out)
     check_output(out, [path])
     field = opened(path, config)
+    if undecided(field, config.scene.invert_depth):
+        say("warning: near and far may be swapped; compare with --set scene.invert_depth=yes")
+    for note in field.manifest.notes:  # as that other files are another scene
+        say(f"warning: {note}")
     quilt = PageExport(field, config).write(out, credit)
     print_result(
         f"{out}  {out.stat().st_size / 1e6:.2f} MB, {quilt.rows}x{quilt.cols} views of"
@@ -139,3 +144,4 @@ def page(path: Path, out: Path, credit: str, config: Config) -> None:
         )
     if field.frames > 1:
         print_result(f"  the first of {field.frames} frames")
+    print_result(f"  {frame_of(out, field.name, quilt)}")

@@ -11,6 +11,7 @@ import json
 import math
 import re
 from pathlib import Path
+from urllib.parse import quote
 
 import attrs
 import cv2
@@ -44,6 +45,7 @@ MIN_VIEWS = 5  # per axis, as far as the scene has them: what is hidden appears 
 MIN_UNIT_PX = (
     1 / 8
 )  # of a step of disparity: half of it is the error between views; finer costs size
+FRAME_PX, BARS_PX = 640, 110  # width of an embedded page: a column of text; title and buttons
 SHRINK = 0.95  # per attempt, at most
 
 
@@ -228,6 +230,16 @@ def _tiled(tiles: list[NDArray[np.uint8]], across: int) -> NDArray[np.uint8]:
         y, x = height * (number // across), width * (number % across)
         whole[y : y + height, x : x + width] = tile
     return whole
+
+
+def frame_of(path: Path, name: str, quilt: Quilt) -> str:
+    """The line of HTML that shows a page within another one."""
+    height_px = round(FRAME_PX * quilt.height_px / quilt.width_px) + BARS_PX
+    return (
+        f'<iframe src="{quote(path.name)}" title="{html.escape(name)}" width="{FRAME_PX}"'
+        f' height="{height_px}" style="border: 0" allow="fullscreen; accelerometer; gyroscope">'
+        "</iframe>"
+    )
 
 
 def check_page(path: Path) -> None:

@@ -27,6 +27,7 @@ from tests.render import rendered
 from tests.support.browser import Browser, missing
 from tests.support.refusal import refusal
 
+SURE = "--set", "scene.invert_depth=no"
 FLAT = "render.zero_plane_px=0"
 
 
@@ -197,6 +198,48 @@ def test_mouse_and_keys_move_the_viewpoint(browser: Browser, written: Path) -> N
     before = browser.ask("place[1]")
     key = "new KeyboardEvent('keydown', {key: 'ArrowLeft'})"
     assert browser.ask(f"(canvas.dispatchEvent({key}), place[1])") < before
+
+
+def test_a_page_says_what_it_is_and_what_to_do(browser: Browser, written: Path) -> None:
+    opened(browser, written, "webgl")
+    shown_text = (
+        "[...document.querySelectorAll('h1, #hint, #full')].map(one => one.innerText).join()"
+    )
+    hint = "Move the mouse, a finger or the phone to look around."
+    assert browser.ask(shown_text) == f"marbles,{hint},Full screen"
+    browser.click("#full")
+    browser.until("document.fullscreenElement !== null")
+    browser.click("#full")
+    browser.until("document.fullscreenElement === null")
+    for width_px in (390, 1280):
+        browser.show_as(width_px, dark=True)
+        assert browser.ask("document.documentElement.scrollWidth") <= width_px
+
+
+def test_export_says_what_is_undecided_and_what_was_left_out(tmp_path: Path, cache: str) -> None:
+    """A page of one pair out of two, or with near and far swapped, was written without a word."""
+    chance = np.random.default_rng(1)
+    pairs, out = tmp_path / "pairs", tmp_path / "a & b.html"
+    pairs.mkdir()
+    for name in "ab":
+        base = cv2.GaussianBlur(chance.integers(0, 256, (48, 80, 3), np.uint8), (0, 0), 2)
+        for at, side in enumerate(("left", "right")):
+            cv2.imwrite(str(pairs / f"{name}_{side}.png"), base[:, 4 * at : 4 * at + 64])
+    words = ["export", "page", str(pairs), "-o", str(out), "--set", f"scene.cache_dir={cache}"]
+    done = CliRunner().invoke(command, words)
+    assert "warning: 2 of 4 files used; the others are b_left.png" in done.stderr, done.output
+    assert "near and far" not in done.stderr, "the names say which is left"
+    assert '<iframe src="a%20%26%20b.html" title="' in done.stdout
+    grid = tmp_path / "grid"
+    grid.mkdir()
+    base = cv2.GaussianBlur(chance.integers(0, 256, (60, 80, 3), np.uint8), (0, 0), 2)
+    for row in range(3):
+        for col in range(3):
+            view = base[4 - row : 52 - row, 6 - col : 70 - col]
+            cv2.imwrite(str(grid / f"view_{row}_{col}.png"), view)
+    words[2] = str(grid)
+    said = [CliRunner().invoke(command, [*words, *more]).stderr for more in ((), (*SURE,))]
+    assert ["near and far may be swapped" in text for text in said] == [True, False]
 
 
 @pytest.mark.parametrize(("most_bytes", "fewer"), [(400_000, True), (page.MAX_BYTES, False)])
