@@ -96,6 +96,8 @@ class UpArguments:
     """Options of stages of other packages, by stage. These stages need eyes."""
     lock_code: str = ""
     """The code that closes a locked window; "" if it is not locked."""
+    every_s: float = 0.0
+    """After so many seconds a locked window shows the next scene; 0: never."""
     wait_for_camera: bool = False
     """Whether the session starts without its camera, and waits for it."""
     run_policy: RunPolicy = first_alone
@@ -254,7 +256,7 @@ def parse(arguments: UpArguments, has_screen: bool) -> Request:
     else:
         display = parse_display(arguments.display or "window") if shows else Nothing()
     if isinstance(display, Window):
-        display = attrs.evolve(display, lock_code=arguments.lock_code)
+        display = attrs.evolve(display, lock_code=arguments.lock_code, every_s=arguments.every_s)
     source = arguments.camera or config.camera.source or ("demo" if arguments.demo else "")
     if source and source != MouseViewer.source:
         parse_source(source)

@@ -121,6 +121,8 @@ class Window:
     fullscreen: bool = False
     # the code that closes it, the only keys that a locked window accepts; "" if it is not locked
     lock_code: str = attrs.field(default="", repr=False)
+    # after so many seconds a locked window shows the next scene; 0: never
+    every_s: float = 0.0
 
     def __str__(self) -> str:
         return "fullscreen" if self.fullscreen else "window"

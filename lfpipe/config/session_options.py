@@ -207,6 +207,11 @@ class SessionOptions:
         """The code that closes a locked window; "" if the window is not locked."""
         return self.display.lock_code if isinstance(self.display, Window) else ""
 
+    @property
+    def every_s(self) -> float:
+        """After how many seconds a locked window shows the next scene; 0: never."""
+        return self.display.every_s if isinstance(self.display, Window) else 0.0
+
     def extra(self, stage: str) -> tuple[str, ...]:
         """What a stage of another package works on; nothing if it does not run."""
         return self.extras.get(stage, ())

@@ -51,6 +51,12 @@ UP_KIOSK = AddedOption(
             metavar="FILE",
             help="With --kiosk: a file with its code; or set LFPIPE_KIOSK_CODE.",
         ),
+        click.Option(
+            ["--every", "every_s"],
+            type=click.IntRange(1, 86400),
+            metavar="SECONDS",
+            help="With --kiosk: the time after which the next scene is shown.",
+        ),
     ),
     "lfpipe.extras.exhibition.kiosk:up",
 )

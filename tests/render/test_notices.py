@@ -87,7 +87,7 @@ def loader(notices: Notices, **more: object) -> tuple[SceneLoader, list[dict[str
     """A loader of a session with such options, and the requests that it makes."""
     asked: list[dict[str, object]] = []
     context = SimpleNamespace(
-        options=SimpleNamespace(**{"lock_code": "", "playlist_at": 0, **more}),
+        options=SimpleNamespace(**{"lock_code": "", "every_s": 0.0, "playlist_at": 0, **more}),
         row={"t_face_ns": SECOND_NS},
         request=lambda word, **words: asked.append({word: words}),
     )
@@ -105,6 +105,14 @@ def test_scene_loader_of_a_locked_window_begins_with_the_first_scene_for_the_nex
     for _ in range(3):  # asked for once, however often it is looked at
         scenes.serve((1 + alone_s) * SECOND_NS)
     assert asked == [{"load": {"at": 0}}] * loads
+
+
+def test_scene_loader_of_a_locked_window_shows_each_scene_for_its_time() -> None:
+    options = {"lock_code": "bye42", "every_s": 5.0, "playlist": ("/a", "/b"), "playlist_at": 1}
+    scenes, asked = loader(Notices(), **options)
+    for second in range(200, 212):  # with nobody there, too
+        scenes.serve(second * SECOND_NS)
+    assert asked == [{"load": {"step": 1}}]
 
 
 def test_scene_loader_reports_progress() -> None:

@@ -81,13 +81,22 @@ def until_it_ends(first: Callable[[], int], again: Callable[[], int]) -> int:
         run = again
 
 
-def up(proceed: Callable[..., Any], *, kiosk: bool, code_file: Path | None, **values: Any) -> Any:
+def up(
+    proceed: Callable[..., Any],
+    *,
+    kiosk: bool,
+    code_file: Path | None,
+    every_s: int | None,
+    **values: Any,
+) -> Any:
     """`lfpipe up` as an exhibition: a full-screen window that only the code closes. It restarts
     after a failure and does not need its camera to start.
     """
     if not kiosk:
         if code_file:  # the user must not believe that the window is locked
             raise click.UsageError("--code-file needs --kiosk")
+        if every_s:
+            raise click.UsageError("--every needs --kiosk")
         return proceed(**values)
     display = values["display"] or "fullscreen"
     if not isinstance(parse_display(display), Window):
@@ -98,6 +107,7 @@ def up(proceed: Callable[..., Any], *, kiosk: bool, code_file: Path | None, **va
     locked = {
         "display": display,
         "lock_code": kiosk_code(code_file),
+        "every_s": float(every_s or 0),
         "wait_for_camera": True,
         "run_policy": until_it_ends,
     }
@@ -117,7 +127,14 @@ def kiosk() -> None:
     metavar="FILE",
     help=f"A file with its code; or set {VARIABLE}.",
 )
-def install(scenes: tuple[Path, ...], code_file: Path | None) -> None:
+@click.option(
+    "--every",
+    "every_s",
+    type=click.IntRange(1, 86400),
+    metavar="SECONDS",
+    help="The time after which the next scene is shown.",
+)
+def install(scenes: tuple[Path, ...], code_file: Path | None, every_s: int | None) -> None:
     """Write a systemd unit that shows SCENE in full screen when your desktop starts, and restarts
     it after a failure.
     """
@@ -135,7 +152,8 @@ def install(scenes: tuple[Path, ...], code_file: Path | None) -> None:
     unit = Path(platformdirs.user_config_dir("systemd")) / "user" / "lfpipe-kiosk.service"
     kept = user_file().parent / "kiosk-code"
     options = ("up", "--session", "kiosk", "--kiosk", "--code-file")
-    words = python("lfpipe", *options, str(kept), *map(str, scenes))
+    timed = ("--every", str(every_s)) if every_s else ()
+    words = python("lfpipe", *options, str(kept), *timed, *map(str, scenes))
     require_plain(words)
     unit.parent.mkdir(parents=True, exist_ok=True)
     check_output(unit, scenes, label="the unit")

@@ -66,7 +66,8 @@ class Overlay:
     lines: tuple[str, ...] = ()
     """At the top left; in the middle if they name keys, each followed by a tab."""
     items: tuple[Item, ...] = ()
-    """Entries below the lines, which then are at the bottom."""
+    """Entries below the lines, which then are at the bottom; without lines, below the last
+    notice."""
     inset: NDArray[np.uint8] | None = attrs.field(default=None, eq=id)
     """A small picture below the lines, uint8 (height, width, 3) BGR."""
     notices: tuple[str, ...] = ()

@@ -289,9 +289,9 @@ class ScreenWindow(Display):
         if self._code:
             if native.type == pygame.KEYDOWN:
                 self._typed = (self._typed + native.unicode)[-len(self._code) :]
-            if native.type in MOUSE:
-                self._point(native)
-            return Event("quit") if self._typed == self._code else None
+            if self._typed == self._code:
+                return Event("quit")
+            return self._visit(native) if native.type in MOUSE else None
         if native.type == pygame.QUIT:
             return Event("quit")
         if native.type == pygame.DROPFILE:
@@ -300,6 +300,21 @@ class ScreenWindow(Display):
             key = NAMES.get(native.key) or native.unicode.lower()
             return self._view.key(key) if key else None
         return self._mouse(native) if native.type in MOUSE else None
+
+    def _visit(self, native: pygame.Event) -> Event | None:
+        """What a click or a touch means in a locked window: an entry of the overlay, or nothing."""
+        self._point(native)
+        if native.type == pygame.MOUSEWHEEL:
+            return None
+        event = self._view.mouse(native, self._at_px())
+        if event is not None and event.name:  # it does not look around
+            self.pointer = attrs.evolve(self.pointer, right=False)
+        return event
+
+    def _at_px(self) -> tuple[int, int]:
+        """The pointer, in px of the window."""
+        x_px, y_px = self._painter.size_px()
+        return round(self.pointer.x * x_px), round(self.pointer.y * y_px)
 
     def _point(self, event: pygame.Event) -> None:
         """Moves the pointer. In a locked window any touch or button looks around, as elsewhere the
@@ -325,8 +340,7 @@ class ScreenWindow(Display):
             self._zoom.turn(native.y, before)
             return None
         self._point(native)
-        x_px, y_px = self._painter.size_px()
-        at_px = round(self.pointer.x * x_px), round(self.pointer.y * y_px)
+        at_px = self._at_px()
         event = self._view.mouse(native, at_px)
         if native.type == pygame.MOUSEBUTTONUP:
             self._pans = False

@@ -42,6 +42,7 @@ from lfpipe.transport.context import Context
 from lfpipe.transport.control import Answer
 
 LOOKING = {VIEWERS["mouse"]: "move the mouse to look around"}  # name of a viewer -> notice
+NEXT = Overlay(items=(Item("Next scene", Event("next")),))  # of a locked window
 HINT_NS = 6 * SECOND_NS  # after the user has looked at the scene
 
 
@@ -179,8 +180,12 @@ class Ui:
             self.scenes.status(t_ns),
             *standing_notices(self.context, self._display.knows_rows),
         ]
+        page = self.page.overlay(t_ns) if self.page else Overlay()
+        if self.context.options.lock_code:
+            standing.append(self.viewer.field.name)
+            page = NEXT if len(self.context.options.playlist) > 1 else page
         overlay = attrs.evolve(
-            self.page.overlay(t_ns) if self.page else Overlay(),
+            page,
             notices=self.notices.lines(t_ns, standing),
             scene=self.viewer.field.name,
             step=self.scenes.working,

@@ -71,7 +71,7 @@ class Notices:
     def lines(self, t_ns: int, standing: list[str]) -> tuple[str, ...]:
         """The lines to show at t_ns. standing: those that stay while they are true."""
         passing = [text for text, end_ns in self._passing.values() if end_ns > t_ns]
-        return tuple(filter(None, (*passing, *standing)))
+        return tuple(dict.fromkeys(filter(None, (*passing, *standing))))
 
 
 def status_lines(context: Context, viewer: Viewer) -> tuple[str, ...]:

@@ -548,7 +548,8 @@ class OverlayView:
     @property
     def has_pointer(self) -> bool:
         """Whether the pointer has a target."""
-        return self._overlay.menu is not None or self._bar_from_s < math.inf
+        has_items = self._overlay.menu is not None or bool(self._overlay.items)
+        return has_items or self._bar_from_s < math.inf
 
     def _lit_of(self, *items: Item) -> Lit:
         """What is lit of some items: the others need not be drawn again."""
@@ -579,9 +580,12 @@ class OverlayView:
             lit = self._lit_of(CLOSE, *overlay.items)
             pages.append(text_panel(page, bar_top_px, window_px, text_px, top_px, lit))
             bottom_px = pages[0].top_px if overlay.items else bottom_px
+        items = () if overlay.lines else overlay.items
         for notice in reversed(overlay.notices):
-            line = Overlay(notices=tuple(notice.splitlines()))
-            notices.append(text_panel(line, bottom_px, window_px, text_px))
+            line = Overlay(notices=tuple(notice.splitlines()), items=items)
+            lit = self._lit_of(*items)
+            notices.append(text_panel(line, bottom_px, window_px, text_px, lit=lit))
+            items = ()
             bottom_px = notices[-1].top_px + EDGE_PX - GAP_PX
         self._menu = None
         if overlay.menu is not None:

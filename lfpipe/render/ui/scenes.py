@@ -61,6 +61,7 @@ class SceneLoader:
         self.progress: float | None = None
         self.working = ""
         self._first_due_ns = 0
+        self._shown_at, self._shown_ns = -1, 0  # scene of the playlist, and since when
 
     def step(self, step: int) -> None:
         """Requests the scene of the playlist that many steps from the one requested last."""
@@ -121,8 +122,17 @@ class SceneLoader:
         )
 
     def serve(self, t_ns: int) -> None:
-        """In a locked window, requests the first scene for the next visitor."""
+        """In a locked window, requests the next scene in time, or the first one for the next
+        visitor.
+        """
         options = self._context.options
+        if options.playlist_at != self._shown_at:
+            self._shown_at, self._shown_ns = options.playlist_at, t_ns
+        if options.every_s and len(options.playlist) > 1:
+            if t_ns - self._shown_ns > options.every_s * SECOND_NS:
+                self._shown_ns = t_ns  # it may need packing first
+                self._context.request("load", step=1)
+            return
         alone_ns = t_ns - int(self._context.row["t_face_ns"])
         if (
             options.lock_code
