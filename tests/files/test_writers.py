@@ -24,7 +24,7 @@ WRITING_FLAGS = "O_CREAT O_WRONLY O_RDWR O_TRUNC O_APPEND"
 SAFE = "files/safe_files.py"
 ALLOWED = {
     "api/scenes.py": "into the file of `replaced`",
-    "bench/page.py": "into memory",
+    "bench/charts.py": "into memory",
     "cli/sequence.py": "into a file that it has just made",
     "extras/export/pictures.py": "into memory, or the file of its caller",
     "files/output.py": "marks the video that its caller has just written",
