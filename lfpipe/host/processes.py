@@ -16,6 +16,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import attrs
+
 PR_SET_PDEATHSIG, PR_SET_TIMERSLACK = 1, 29  # linux/prctl.h
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # malloc.h
 KEPT_BYTES = 32 << 20  # the maximum of glibc; a 4K frame has 25 MB
@@ -113,9 +115,26 @@ def cpu_ns(pid: int) -> int:
     return int((times.user + times.system) * 1e9) if times else 0
 
 
-def activity(pid: int) -> tuple[int, bool]:
-    """As `cpu_ns`, and whether the process waits for a disk or a network drive."""
-    return cpu_ns(pid), _ask(pid, "status") == "disk-sleep"
+@attrs.frozen(kw_only=True)
+class Activity:
+    """What a process has done so far."""
+
+    cpu_ns: int
+    """As `cpu_ns`."""
+    waited_ns: int = 0
+    """How long its main thread was ready to run, but other threads had the cores; 0 where the
+    system does not count it."""
+    on_disk: bool = False
+    """Whether it waits for a disk or a network drive."""
+
+
+def activity(pid: int) -> Activity:
+    """What a process has done so far; nothing if it is gone."""
+    waited_ns = 0
+    with contextlib.suppress(OSError, ValueError, IndexError):
+        waited_ns = int(Path(f"/proc/{pid}/schedstat").read_text().split()[1])
+    on_disk = _ask(pid, "status") == "disk-sleep"
+    return Activity(cpu_ns=cpu_ns(pid), waited_ns=waited_ns, on_disk=on_disk)
 
 
 def is_child(pid: int) -> bool:

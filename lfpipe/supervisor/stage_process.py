@@ -55,6 +55,7 @@ class StageProcess:
         self._source = ""  # of the viewer that it was started for
         self._killed = False  # killed for a hang, but not ended yet
         self._checked_ns = self._awake_ns = 0
+        self._waited_ns: int | None = None  # for a core, when it fell silent
 
     @property
     def alive(self) -> bool:
@@ -122,8 +123,9 @@ class StageProcess:
 
         Running: the stage's hang_timeout_s. Starting, or within `Context.setting_up`:
         startup_timeout_s. Within `busy_with` and `saving`, or in the kernel's wait for a disk:
-        BUSY_S. While it computes: COMPUTING times that, or until it has computed for LIVE_CPU_S, in
-        a lossless replay LOSSLESS_CPU_S. Otherwise stopping: `wait_for_end` decides.
+        BUSY_S. While it computes, or waits for a core: COMPUTING times that, or until it has
+        computed for LIVE_CPU_S, in a lossless replay LOSSLESS_CPU_S. Otherwise stopping:
+        `wait_for_end` decides.
         """
         if self.process is None or self._killed:
             return ""
@@ -141,17 +143,23 @@ class StageProcess:
         limit_s = BUSY_S if work else stage.hang_timeout_s
         if sets_up:
             limit_s = stage.startup_timeout_s
+        if silent_s <= limit_s / 2:
+            self._waited_ns = None
+            return ""
+        seen = activity(int(row["pid"]))
+        if self._waited_ns is None:
+            self._waited_ns = seen.waited_ns
         if silent_s <= limit_s:
             return ""
-        cpu_ns, on_disk = activity(int(row["pid"]))
-        cpu_s = (cpu_ns - int(row["cpu_ns"])) / 1e9  # since its last output
+        cpu_s = (seen.cpu_ns - int(row["cpu_ns"])) / 1e9  # since its last output
+        wanted_s = cpu_s + (seen.waited_ns - self._waited_ns) / 1e9
         patience = Patience(
             limit_s=limit_s,
             disk_s=BUSY_S,
             computing_s=COMPUTING * limit_s,
             cpu_s=LOSSLESS_CPU_S if self.lossless else LIVE_CPU_S,
         )
-        if not patience.exceeded(silent_s, cpu_s, is_computing(cpu_s, silent_s), on_disk):
+        if not patience.exceeded(silent_s, cpu_s, is_computing(wanted_s, silent_s), seen.on_disk):
             return ""
         return (
             f"{work + ': ' if work else ''}{'not ready after' if sets_up else 'no beat for'}"

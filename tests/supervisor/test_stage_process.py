@@ -1,12 +1,18 @@
 """Detection of hung stages, and waits for their end."""
 
+import signal
+import sys
+import time
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 
 from lfpipe.host import signals
+from lfpipe.host.child import Child
+from lfpipe.host.processes import Activity, activity, usable_cores
 from lfpipe.supervisor import stage_process
 from lfpipe.supervisor.process_table import Stage
 from lfpipe.supervisor.stage_process import (
@@ -37,9 +43,9 @@ class Script:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, **row: object) -> None:
         self.t_ns = 10**12
         self.on_disk = False
-        self.cpu_ns = 0
+        self.cpu_ns = self.waited_ns = 0
         monkeypatch.setattr(stage_process, "now_ns", lambda: self.t_ns)
-        monkeypatch.setattr(stage_process, "activity", lambda pid: (self.cpu_ns, self.on_disk))
+        monkeypatch.setattr(stage_process, "activity", self.activity)
         self.row = np.zeros((), ROW)
         self.row["state"] = State.RUNNING
         self.row["ready_ns"] = self.row["started_ns"] = self.row["beat_ns"] = self.t_ns
@@ -49,11 +55,19 @@ class Script:
         self.process.process = Any  # type: ignore[assignment]  # one that lives
         self.process.hang_reason()
 
-    def after(self, seconds: float, beats: bool = False, share: float = 0.0) -> str:
-        """Judges ten times a second; the first verdict. share: of the time on a CPU."""
+    def activity(self, pid: int) -> Activity:
+        return Activity(cpu_ns=self.cpu_ns, waited_ns=self.waited_ns, on_disk=self.on_disk)
+
+    def after(
+        self, seconds: float, beats: bool = False, share: float = 0.0, waits: float = 0.0
+    ) -> str:
+        """Judges ten times a second; the first verdict. share, waits: of the time on a CPU, and
+        waiting for one.
+        """
         for _ in range(round(10 * seconds)):
             self.t_ns += 100 * MS_NS
             self.cpu_ns += int(share * 100 * MS_NS)
+            self.waited_ns += int(waits * 100 * MS_NS)
             if beats:
                 self.row["beat_ns"] = self.t_ns
             if why := self.process.hang_reason():
@@ -101,6 +115,35 @@ def test_hang_reason_waits_for_a_disk(
     script.on_disk = True
     assert script.after(BUSY_S) == "" and "no beat" in script.after(1)
     assert Script(monkeypatch, state=State.STOPPING).after(1000) == ""
+
+
+def test_hang_reason_waits_for_a_stage_without_a_core(monkeypatch: pytest.MonkeyPatch) -> None:
+    starved = Script(monkeypatch)
+    assert starved.after(100, share=0.01, waits=0.99) == "", "it waits for the processor"
+    late = Script(monkeypatch)
+    assert late.after(100, beats=True, waits=0.9) == "" and "no beat" in late.after(2), (
+        "what it waited before its last beat says nothing"
+    )
+
+
+@pytest.mark.native("counts what a process waits for a core")
+def test_activity_tells_a_starved_process_from_a_stopped_one() -> None:
+    core = str(usable_cores()[0])
+    busy = f"import os; os.sched_setaffinity(0, [{core}])\n{{}}\nwhile True: pass"
+    starved = Child([sys.executable, "-c", busy.format("os.nice(19)")])
+    rival = Child([sys.executable, "-c", busy.format("")])
+    try:
+        while activity(starved.pid).waited_ns < 100 * MS_NS:  # the timeout of the test ends it
+            time.sleep(0.02)
+        starved.signal(signal.SIGSTOP)
+        while psutil.Process(starved.pid).status() != psutil.STATUS_STOPPED:  # once it has a core
+            time.sleep(0.02)
+        before = activity(starved.pid).waited_ns
+        time.sleep(0.1)
+        assert activity(starved.pid).waited_ns == before
+    finally:
+        starved.close()
+        rival.close()
 
 
 def test_hang_reason_forgives_once_after_a_sleep(monkeypatch: pytest.MonkeyPatch) -> None:
