@@ -16,6 +16,7 @@ from lfpipe.config.user_files import PLACED, camera_file, write_keys
 from lfpipe.errors import UserError
 from lfpipe.live.shared_scene import two_cameras
 from lfpipe.monitor.calibrate import by_card, by_eyes, placement_of
+from lfpipe.monitor.camera_window import FARTHEST_MM, NEAREST_MM
 
 BANK_CARD_MM = 85.60  # ISO/IEC 7810 ID-1
 USUAL_DEG = (30, 130)  # fields of view of webcams, narrow to wide
@@ -27,11 +28,11 @@ USUAL_DEG = (30, 130)  # fields of view of webcams, narrow to wide
 @click.option(
     "--distance",
     "distance_mm",
-    type=Number(100, 5000),
+    type=Number(NEAREST_MM, FARTHEST_MM),
     default=600.0,
     show_default=True,
     metavar="MM",
-    help="Distance from the camera to your eyes, or to the card.",
+    help="Distance from the camera to your eyes, or to the card; the window can change it.",
 )
 @click.option(
     "--by",
@@ -47,8 +48,8 @@ def calibrate(
     """Measure the focal length of the camera and store it under the camera's name.
 
     Sit with your eyes MM from the camera (or hold a bank card there, parallel to the camera) and
-    follow the instructions in the window. Without a screen, the measurement starts when eyes are
-    detected.
+    follow the instructions in the window. It can check the result at a second distance. Without a
+    screen, the measurement starts when eyes are detected.
 
     With live:SRC, measure and store instead how the second of two cameras stands against the first.
     """
@@ -56,17 +57,19 @@ def calibrate(
         _calibrate_pair(scene, config)
         return
     name = camera_name(camera or config.camera.source)
-    size_px = (
-        by_card(config, camera, distance_mm)
-        if by == "card"
-        else by_eyes(config, camera, distance_mm)
-    )
+    measured = (by_card if by == "card" else by_eyes)(config, camera, distance_mm)
+    size_px, distance_mm = measured.size_px, measured.distance_mm
     size_mm = BANK_CARD_MM if by == "card" else config.screen.eyes_mm
     focal_px = round(size_px * distance_mm / size_mm, 1)
     width_px = config.camera.frame_px[0]
     fov_deg = math.degrees(2 * math.atan(width_px / 2 / focal_px))
     print_result(f"{size_mm:g} mm at a distance of {distance_mm:g} mm measure {size_px:.1f} px")
     print_result(f"focal length {focal_px} px, field of view {fov_deg:.1f} degrees")
+    if measured.check_mm is not None:
+        set_mm, found_mm = measured.check_mm
+        print_result(
+            f"{found_mm:.0f} mm measured at {set_mm:g} mm, off by {found_mm - set_mm:+.0f} mm"
+        )
     if not USUAL_DEG[0] <= fov_deg <= USUAL_DEG[1]:
         raise UserError(
             f"a field of view of {fov_deg:.1f} degrees is not stored: webcams have {USUAL_DEG[0]}"

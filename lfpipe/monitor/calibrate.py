@@ -5,37 +5,37 @@ A window guides the user if there is a screen.
 
 import math
 from collections import deque
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from contextlib import closing
 
 import attrs
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.capture.live_source import live_camera
-from lfpipe.capture.open_source import camera_settings, open_source
+from lfpipe.capture.open_source import open_source
 from lfpipe.config import Config, LiveSource, Placement
 from lfpipe.errors import UserError
 from lfpipe.live.alignment import FAST_FRAMES
 from lfpipe.live.estimator import Estimator
 from lfpipe.live.records import pairs_in_need
+from lfpipe.monitor.camera_window import ACCEPT, CANCEL, CameraWindow, Distance, crossed, mirrored
 from lfpipe.render.display.open_display import has_display
 from lfpipe.render.display.overlay import Event, Item, Overlay
+from lfpipe.track.engine import Face
 from lfpipe.track.make_engine import make_engine
 
 MEASURED_FRAMES = 45  # with a face: one and a half seconds
 SPREAD = 0.05  # limit of the interquartile range as a share of the median: the viewer moved
 PATIENCE_FRAMES = 600  # without a still face before giving up: 20 s at 30 Hz
-RING = 1.6  # radius over the distance of the eyes: around the face
-GREY, ACCENT = (110, 110, 110), (215, 196, 53)  # BGR
-ACCEPT = Item("Accept", Event("enter"), "Enter")
-CANCEL = Item("Cancel", Event("close"), "Esc")
+CHECK_MM = 200  # between the two distances: enough to tell an error of a few percent
+AGAIN = Item("Again", Event("previous"), "PgUp")
+ACCEPTS, CANCELS = {"enter", "freeze"}, {"quit", "close"}  # events
 EDGES = (
     "Click the middle of one short edge.",
     "First edge marked. Click the middle of the other short edge.",
 )
-AGAIN = UserError("nothing was measured", "start again when you are ready")
+CANCELLED = UserError("nothing was measured", "start again when you are ready")
 NOBODY = UserError(
     "no face was detected",
     "sit in good light and look into the camera; `lfpipe up --demo --camera SRC` shows its picture",
@@ -68,73 +68,16 @@ def placement_of(live: LiveSource, config: Config) -> Placement:
     )
 
 
-class _CameraWindow:
-    """The camera and, if there is a screen, a window with its picture and lines of text.
+@attrs.frozen(kw_only=True)
+class Measured:
+    """What was measured."""
 
-    clicks: px of the picture.
-    """
-
-    def __init__(self, config: Config, camera: str | None) -> None:
-        width_px, height_px = config.camera.frame_px
-        self.picture: NDArray[np.uint8] = np.empty((height_px, width_px, 3), np.uint8)
-        self.clicks: list[tuple[float, float]] = []
-        self.source = open_source(camera or config.camera.source, camera_settings(config))
-        self.window = None
-        if has_display():
-            from lfpipe.render.display.window import ScreenWindow
-            from lfpipe.render.ui.overlay_view import OverlayView
-
-            # large, for sub-pixel clicks
-            self.window = ScreenWindow(
-                (2 * width_px, 2 * height_px), "lfpipe calibrate", OverlayView()
-            )
-
-    def read(self) -> bool:
-        """Reads the next picture. False at the end of the source."""
-        return self.source.read(self.picture) is not None
-
-    def show(
-        self,
-        marks: Sequence[Sequence[float]],
-        *lines: str,
-        mirrored: bool = False,
-        still: float = 0.0,
-        items: tuple[Item, ...] = (),
-    ) -> bool:
-        """Shows the picture with crosses at marks, and around them a ring of which the share
-        `still` is full. Returns whether Enter was pressed, or the item that does the same; True
-        without a window. Raises UserError if the user cancels.
-        """
-        if self.window is None:
-            return True
-        marked = self.picture.copy()
-        if mirrored:
-            marked = np.ascontiguousarray(marked[:, ::-1])
-            marks = [(marked.shape[1] - 1 - x, y) for x, y in marks]
-        if still:
-            middle = np.mean(marks, axis=0)
-            radius_px = round(RING * math.dist(*marks))
-            for share, colour in ((1.0, GREY), (still, ACCENT)):
-                place = (round(middle[0]), round(middle[1])), (radius_px, radius_px)
-                end_deg = 360 * share - 90
-                cv2.ellipse(marked, *place, 0, -90, end_deg, colour, 4, cv2.LINE_AA)
-        for x, y in marks:
-            # visible on a face and on a white card
-            for colour, thick_px in (((0, 0, 0), 5), ((255, 255, 255), 2)):
-                cv2.drawMarker(marked, (round(x), round(y)), colour, cv2.MARKER_CROSS, 21, thick_px)
-        self.window.overlay(Overlay(lines=lines, items=items))
-        self.window.show(marked)
-        events = self.window.events()
-        names = {event.name for event in events}
-        if names & {"quit", "close"}:
-            raise AGAIN
-        self.clicks += [event.at_px for event in events if event.at_px is not None]
-        return bool(names & {"enter", "freeze"})
-
-    def close(self) -> None:
-        self.source.close()
-        if self.window is not None:
-            self.window.close()
+    size_px: float
+    """The size of the object in px of a frame of config's size."""
+    distance_mm: float
+    """Its distance from the camera."""
+    check_mm: tuple[float, float] | None = None
+    """A second distance, and the one that the first measurement gives for it."""
 
 
 def median_of(eye_distance_px: Collection[float]) -> tuple[float, bool]:
@@ -143,44 +86,117 @@ def median_of(eye_distance_px: Collection[float]) -> tuple[float, bool]:
     return median, high - low <= SPREAD * median > 0
 
 
-def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
-    """The viewer's eye distance in px of a frame of config's size; median over several frames.
+def eyes_page(
+    distance: Distance, ready: bool, has_face: bool, off_mm: float | None = None
+) -> Overlay:
+    """The page over the eyes. off_mm: by how much the distance that is checked is off; None: it is
+    still to be measured.
+    """
+    checks = off_mm is not None
+    task = (
+        "Sit farther or nearer now, and set that distance."
+        if checks
+        else "Set the distance from the camera to your eyes. Look into the camera."
+    )
+    state = "Hold still until the ring is full." if has_face else "No face: sit in good light."
+    if ready and off_mm is not None:
+        state = f"Measured {distance.mm + off_mm:.0f} mm, off by {off_mm:+.0f} mm."
+    elif ready:
+        state = "Measured. Accept it."
+    # each keeps its place, so a double click on Accept does not hit another one
+    ends = (
+        attrs.evolve(ACCEPT, off=not ready),
+        attrs.evolve(AGAIN, off=not checks),
+        attrs.evolve(CANCEL, label="Skip") if checks else CANCEL,
+    )
+    return Overlay(lines=(task, state), items=(*distance.items, *ends), types=True)
+
+
+class _EyesMeasurement:
+    """Eye distances in px while the head is still."""
+
+    def __init__(self) -> None:
+        self.px: deque[float] = deque(maxlen=MEASURED_FRAMES)
+        self.restless = 0  # frames since the ring was full
+        self.has_face = self.seen = False
+
+    def add(self, face: Face | None) -> None:
+        self.has_face = face is not None
+        if face is not None:
+            self.seen = True
+            self.px.append(math.dist(*face.eyes_px.tolist()))
+            if not median_of(self.px)[1]:
+                self.px.clear()
+        self.restless = 0 if self.share == 1.0 else self.restless + 1
+
+    @property
+    def share(self) -> float:
+        """How far the ring is full."""
+        return len(self.px) / MEASURED_FRAMES
+
+    @property
+    def median_px(self) -> float:
+        return median_of(self.px)[0]
+
+
+def by_eyes(config: Config, camera: str | None, distance_mm: float) -> Measured:
+    """The viewer's eye distance; median over several frames. In a window, the viewer sets the
+    distance, accepts, and may check the result at a second one.
 
     Raises UserError if no face is detected, the face does not stay still, the source ends, or the
     user cancels.
     """
-    eye_distance_px: deque[float] = deque(maxlen=MEASURED_FRAMES)
-    median_px = 0.0
-    still = False
-    missed = 0
-    accepted = False
+    distance = Distance(f"{distance_mm:g}")
+    eyes = _EyesMeasurement()
+    accepted: Measured | None = None
     with (
-        closing(_CameraWindow(config, camera)) as camera_window,
+        closing(CameraWindow(config, camera)) as camera_window,
         closing(make_engine(config.track)) as engine,
     ):
-        while not (len(eye_distance_px) == MEASURED_FRAMES and still and accepted):
-            if not camera_window.read() or missed > PATIENCE_FRAMES:
-                raise RESTLESS if eye_distance_px else NOBODY
+        while True:
+            if not camera_window.read() or (
+                camera_window.window is None and eyes.restless > PATIENCE_FRAMES
+            ):
+                if accepted is not None:
+                    return accepted
+                raise RESTLESS if eyes.seen else NOBODY
             face = engine.detect(camera_window.picture)
-            if face is not None:
-                eye_distance_px.append(math.dist(*face.eyes_px.tolist()))
-            median_px, still = median_of(eye_distance_px)
-            missed = missed + 1 if face is None or not still else 0
-            state = f"eyes {median_px:.1f} px apart" if face is not None else "no face detected"
-            share = len(eye_distance_px) / MEASURED_FRAMES if still and face is not None else 0.0
-            accepted = camera_window.show(
-                [] if face is None else face.eyes_px.tolist(),
-                f"Eyes {distance_mm:g} mm from the camera. Look into it and hold still.",
-                state,
-                mirrored=True,
-                still=share,
-                items=(attrs.evolve(ACCEPT, off=share < 1), CANCEL),
-            )
-    return median_px
+            eyes.add(face)
+            ready = eyes.share == 1.0 and distance.is_possible
+            now = Measured(size_px=eyes.median_px, distance_mm=distance.mm)
+            if ready and camera_window.window is None:
+                return now
+            off_mm = None
+            if accepted is not None:
+                measured_mm = accepted.distance_mm * accepted.size_px / max(eyes.median_px, 1.0)
+                off_mm = measured_mm - distance.mm
+            places_px = [] if face is None else face.eyes_px.tolist()
+            for event in camera_window.show(
+                eyes_page(distance, ready, eyes.has_face, off_mm),
+                mirrored(camera_window.picture, places_px, eyes.share),
+            ):
+                distance.take(event)
+                if event.name in CANCELS:
+                    if accepted is None:
+                        raise CANCELLED
+                    return accepted
+                if event.name in ACCEPTS and ready:
+                    if accepted is not None and off_mm is not None:
+                        check_mm = distance.mm, distance.mm + off_mm
+                        return attrs.evolve(accepted, check_mm=check_mm)
+                    accepted = now
+                    distance.set(distance.mm + CHECK_MM)
+                    eyes = _EyesMeasurement()
+                    break
+                if event == AGAIN.event and accepted is not None:
+                    distance.set(accepted.distance_mm)
+                    accepted = None
+                    eyes = _EyesMeasurement()
+                    break
 
 
-def by_card(config: Config, camera: str | None, distance_mm: float) -> float:
-    """Width of the card in px of a frame of config's size, from two clicks on a frozen frame.
+def by_card(config: Config, camera: str | None, distance_mm: float) -> Measured:
+    """Width of the card, from two clicks on a frozen frame.
 
     Raises UserError without a screen, if the source ends before a frame is frozen, or if the user
     cancels.
@@ -190,33 +206,39 @@ def by_card(config: Config, camera: str | None, distance_mm: float) -> float:
             "--by card needs a screen for a window to click in",
             "run it on a desktop, or use --by eyes",
         )
-    with closing(_CameraWindow(config, camera)) as camera_window:
-        frozen = False
-        while not frozen:
-            if not camera_window.read():
+    distance = Distance(f"{distance_mm:g}")
+    clicks = list[tuple[float, float]]()
+    card_px = 0.0
+    frozen = False
+    with closing(CameraWindow(config, camera)) as camera_window:
+        while True:
+            if not frozen and not camera_window.read():
                 raise UserError(
                     "the source ended before Enter was pressed",
                     "use a longer recording, ?loop=1, or a camera",
                 )
-            frozen = camera_window.show(
-                (),
-                f"Card {distance_mm:g} mm from the camera, facing it.",
-                items=(attrs.evolve(ACCEPT, label="Freeze"), CANCEL),
-            )
-        clicks = camera_window.clicks
-        clicks.clear()
-        while True:
-            del clicks[: 2 * (len(clicks) > 2)]  # a third click starts again
-            card_px = math.dist(*clicks) if len(clicks) == 2 else 0.0
-            state = (
-                f"{card_px:.1f} px wide. Accept it, or click to start again."
-                if card_px
-                else EDGES[len(clicks)]
-            )
-            if (
-                camera_window.show(
-                    clicks, state, items=(attrs.evolve(ACCEPT, off=not card_px), CANCEL)
+            if not frozen:
+                freeze = attrs.evolve(ACCEPT, label="Freeze", off=not distance.is_possible)
+                page = Overlay(
+                    lines=("Set the distance of the card from the camera, and hold it there.",),
+                    items=(*distance.items, freeze, CANCEL),
+                    types=True,
                 )
-                and card_px
-            ):
-                return card_px
+            else:
+                state = f"{card_px:.1f} px wide. Accept it, or click to start again."
+                page = Overlay(
+                    lines=(state if card_px else EDGES[len(clicks) % 2],),
+                    items=(attrs.evolve(ACCEPT, off=not card_px), CANCEL),
+                )
+            for event in camera_window.show(page, crossed(camera_window.picture, clicks)):
+                if event.name in CANCELS:
+                    raise CANCELLED
+                if event.name in ACCEPTS and card_px:
+                    return Measured(size_px=card_px, distance_mm=distance.mm)
+                if not frozen:
+                    distance.take(event)
+                    frozen = event.name in ACCEPTS and distance.is_possible
+                elif event.at_px is not None:
+                    del clicks[: 2 * (len(clicks) == 2)]  # a third click starts again
+                    clicks.append(event.at_px)
+                    card_px = math.dist(*clicks) if len(clicks) == 2 else 0.0

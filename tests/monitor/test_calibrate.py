@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from lfpipe.config.user_files import write_keys
-from lfpipe.monitor.calibrate import ACCEPT, CANCEL, median_of
-from lfpipe.render.display.overlay import Overlay
+from lfpipe.monitor.calibrate import eyes_page, median_of
+from lfpipe.monitor.camera_window import NEAREST_MM, SLIDER_MM, Distance
+from lfpipe.render.display.overlay import Event
 from lfpipe.render.display.window_system import pygame
-from lfpipe.render.ui.overlay_view import text_panel
+from lfpipe.render.ui.overlay_view import ItemPanel, text_panel
 from tests.capture.made_files import video
 from tests.support.finger import Finger
 from tests.support.world import World
@@ -164,21 +165,95 @@ def test_calibrate_by_card_in_a_real_window(world: World, screen: Screen, tmp_pa
     assert str(settings) in out and str(cameras) in out
 
 
+def typed(distance: Distance, *keys: str) -> float:
+    for key in keys:
+        distance.take(Event("type", key))
+    return distance.mm
+
+
+def test_distance_is_typed_stepped_and_slid() -> None:
+    distance = Distance("600")
+    assert typed(distance, *"750") == 750 and typed(distance, "backspace") == 75
+    assert [Distance(text).is_possible for text in ("", "75", "750", "7500")] == [0, 0, 1, 0]
+    assert typed(distance, "0") == 750
+    distance.take(Event("alpha+"))
+    assert distance.mm == 760
+    assert typed(distance, *"123456") == 1234, "digits begin a new number, of four at most"
+    assert typed(Distance("600"), *["backspace"] * 5) == 0
+    for value, mm in zip((0.0, 1.0), SLIDER_MM, strict=True):
+        distance.take(Event("distance", value=value))
+        assert distance.mm == mm
+    for _ in range(1000):
+        distance.take(Event("less"))
+    assert distance.mm == NEAREST_MM
+
+
+OTHER = 60  # of 255: more than the picture shines through, less than a letter that is off
+
+
+class Calibration:
+    """`lfpipe calibrate` in a window, at two distances with the demo's face, which stays."""
+
+    def __init__(self, world: World, screen: Screen) -> None:
+        pygame.font.init()
+        world.env["DISPLAY"] = screen.name
+        self.process = world.start("calibrate", "--camera", "demo", "--distance", "560")
+        self.finger = Finger(world, screen, "lfpipe calibrate")
+        self.world = world
+        world.wait_for(lambda: outline(self.finger.title, screen.name), "window")
+
+    def panel(self, mm: float, checks: bool = False) -> ItemPanel:
+        page = eyes_page(Distance(f"{mm:g}"), True, True, 0.0 if checks else None)
+        size_px = self.finger.size_px
+        return text_panel(page, size_px[1], size_px, self.finger.text_px)
+
+    def _shows(self, panel: ItemPanel) -> bool:
+        drawn = pygame.surfarray.array3d(panel.surface).swapaxes(0, 1)
+        left, top = (a + b for a, b in zip(self.finger.place, panel.at, strict=False))
+        seen = self.finger.screen.picture()[top:, left:]
+        cells = [
+            (slice(rect.top, rect.bottom), slice(rect.left, rect.right)) for _, rect in panel.cells
+        ]
+        return not any(
+            (abs(drawn[cell].min(axis=-1).astype(int) - seen[cell].min(axis=-1)) > OTHER).any()
+            for cell in cells
+        )
+
+    def wait_for(self, mm: float, checks: bool = False) -> ItemPanel:
+        """The panel, once it offers to accept that distance."""
+        panel = self.panel(mm, checks)
+        self.world.wait_for(lambda: self._shows(panel), f"{mm:g} mm")
+        return panel
+
+    def ended(self) -> str:
+        out, err = self.process.communicate(timeout=60)
+        assert self.process.returncode == 0, err
+        return out
+
+
 @needs_xdotool
-def test_calibrate_by_eyes_is_accepted_by_the_mouse_alone(world: World, screen: Screen) -> None:
-    pygame.font.init()
-    world.env["DISPLAY"] = screen.name
-    process = world.start("calibrate", "--camera", "demo", "--distance", "560")
-    finger = Finger(world, screen, "lfpipe calibrate")
-    world.wait_for(lambda: outline(finger.title, screen.name), "window")
-    lines = "Eyes 560 mm from the camera. Look into it and hold still.", "eyes 60.0 px apart"
-    page = Overlay(lines=lines, items=(ACCEPT, CANCEL))
-    panel = text_panel(page, finger.size_px[1], finger.size_px, finger.text_px)
+def test_calibrate_by_eyes_by_the_mouse_alone(world: World, screen: Screen) -> None:
+    calibration = Calibration(world, screen)
+    finger = calibration.finger
+    finger.touch(calibration.wait_for(560), "alpha+")
+    finger.touch(calibration.wait_for(570), "enter")
+    finger.touch(calibration.wait_for(770, checks=True), "enter")
+    out = calibration.ended()
+    assert "at a distance of 570 mm" in out and "measured at 770 mm" in out
 
-    def accepted() -> bool:
-        if process.poll() is None and outline(finger.title, screen.name):
-            finger.touch(panel, "enter")
-        return process.poll() is not None
 
-    world.wait_for(accepted, "the end")
-    assert process.returncode == 0, process.stderr
+@needs_xdotool
+def test_calibrate_by_eyes_by_keys_alone(world: World, screen: Screen) -> None:
+    calibration = Calibration(world, screen)
+    calibration.wait_for(560)
+    world.xdotool("key", "6", "1", "BackSpace", "0", "0")
+    calibration.wait_for(600)
+    world.xdotool("key", "Return")
+    calibration.wait_for(800, checks=True)
+    world.xdotool("key", "Prior")
+    calibration.wait_for(600)
+    world.xdotool("key", "Return")
+    calibration.wait_for(800, checks=True)
+    world.xdotool("key", "Escape")
+    out = calibration.ended()
+    assert "at a distance of 600 mm" in out and "off by" not in out, "the check is skipped"

@@ -68,6 +68,8 @@ class Overlay:
     items: tuple[Item, ...] = ()
     """Entries below the lines, which then are at the bottom; without lines, below the last
     notice."""
+    types: bool = False
+    """Whether digits and "backspace" are reported, as the text of a "type"."""
     inset: NDArray[np.uint8] | None = attrs.field(default=None, eq=id)
     """A small picture below the lines, uint8 (height, width, 3) BGR."""
     notices: tuple[str, ...] = ()

@@ -5,6 +5,7 @@ equal calls of a panel's function in a row return the same panel.
 """
 
 import math
+import string
 import time
 from collections.abc import Sequence
 from functools import lru_cache
@@ -53,6 +54,7 @@ KEY_ACTIONS = ACTION_OF | {
     "pagedown": "next",
     "pageup": "previous",
 }
+DIGITS = frozenset(string.digits)
 PAGES = (("◀", "pageup"), ("▶", "pagedown"))  # labels and keys of the previous and next page
 PRESSED_OR_NOT = (pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP)
 EDGE_PX = 12  # from the window's edge
@@ -630,6 +632,8 @@ class OverlayView:
         if key == "escape":
             covered = menu is not None or bool(self._overlay.lines)
             return Event("close" if covered else "leave-fullscreen")
+        if self._overlay.types and (key in DIGITS or key == "backspace"):
+            return Event("type", key)
         panel = self._menu
         if menu is None or not menu.items or panel is None:
             return _action(key)
