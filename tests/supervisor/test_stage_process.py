@@ -2,7 +2,6 @@
 
 import signal
 import sys
-import time
 from types import SimpleNamespace
 from typing import Any
 
@@ -27,6 +26,7 @@ from lfpipe.supervisor.stage_process import (
 from lfpipe.transport.clock import MS_NS
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import ROW, State
+from tests.support.world import stays, until
 
 STAGE = Stage(
     name="render",
@@ -133,14 +133,12 @@ def test_activity_tells_a_starved_process_from_a_stopped_one() -> None:
     starved = Child([sys.executable, "-c", busy.format("os.nice(19)")])
     rival = Child([sys.executable, "-c", busy.format("")])
     try:
-        while activity(starved.pid).waited_ns < 100 * MS_NS:  # the timeout of the test ends it
-            time.sleep(0.02)
+        until(lambda: activity(starved.pid).waited_ns > 100 * MS_NS, "wait for the core")
         starved.signal(signal.SIGSTOP)
-        while psutil.Process(starved.pid).status() != psutil.STATUS_STOPPED:  # once it has a core
-            time.sleep(0.02)
+        stage = psutil.Process(starved.pid)
+        until(lambda: stage.status() == psutil.STATUS_STOPPED, "stop, once it has the core")
         before = activity(starved.pid).waited_ns
-        time.sleep(0.1)
-        assert activity(starved.pid).waited_ns == before
+        stays(lambda: activity(starved.pid).waited_ns == before, 0.1, "its wait so far")
     finally:
         starved.close()
         rival.close()
