@@ -96,7 +96,7 @@ def eyes_page(
     task = (
         "Sit farther or nearer now, and set that distance."
         if checks
-        else "Set the distance from the camera to your eyes. Look into the camera."
+        else "Look into the camera; set how far it is away."
     )
     state = "Hold still until the ring is full." if has_face else "No face: sit in good light."
     if ready and off_mm is not None:
