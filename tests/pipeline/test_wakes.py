@@ -45,8 +45,9 @@ def test_wakes_arrive_for_each_slot_also_of_a_restarted_stage(world: World) -> N
         reader = open_ring("eyes", world.name)
         for _ in range(20):
             assert wakes.wait(PATIENCE_S)
-            stamp = reader.read(record)  # it is published before the wake: no second look
-            assert stamp is not None
+            before = reader.last_seq
+            # a slot is published before its wake, and may be read with the one before
+            assert reader.read(record) is not None or before == reader.published
         pid = world.kill("track")
         world.wait_for(
             lambda: world.monitor()["stages"]["track"]["pid"] not in (0, pid), "the restart"

@@ -5,6 +5,7 @@ the times of display.
 import contextlib
 import math
 import time
+from collections import deque
 from collections.abc import Sequence
 from typing import Protocol
 
@@ -107,6 +108,7 @@ class ScreenWindow(Display):
         be opened, or the monitor is missing.
         """
         self._code = code
+        self._natives: deque[pygame.Event] = deque()  # not handled yet
         self._typed = ""
         self._title = title
         self._fullscreen = fullscreen
@@ -264,12 +266,17 @@ class ScreenWindow(Display):
         self._draw(again=False)
 
     def events(self) -> list[Event]:
-        """Handles full screen itself, and redraws after it was covered or resized."""
+        """The next event, or none: what a key means depends on what the one before it opened.
+
+        Handles full screen itself, and redraws after it was covered or resized.
+        """
         events = list[Event]()
         again = False
         self.pointer = attrs.evolve(self.pointer, wheel=0)
         zoom = attrs.evolve(self._zoom)
-        for native in window_system.take_events():
+        self._natives.extend(window_system.take_events())
+        while self._natives and not events:
+            native = self._natives.popleft()
             if native.type in RESIZED:
                 self._find_monitor()
             again |= native.type in REDRAWN

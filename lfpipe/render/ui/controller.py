@@ -43,6 +43,7 @@ from lfpipe.transport.control import Answer
 
 LOOKING = {VIEWERS["mouse"]: "move the mouse to look around"}  # name of a viewer -> notice
 NEXT = Overlay(items=(Item("Next scene", Event("next")),))  # of a locked window
+MAX_EVENTS = 16  # at once: more than a person presses between two refreshes
 HINT_NS = 6 * SECOND_NS  # after the user has looked at the scene
 
 
@@ -101,13 +102,18 @@ class Ui:
 
     def serve(self) -> None:
         """Handles the events since the last call and updates the overlay."""
-        for event in self._display.events():
-            self._do(event)
-        t_ns = now_ns()
-        pointer = self._display.pointer
-        if pointer != self._pointer or pointer.wheel:  # else a client may have moved it
-            self._pointer = pointer
-            self._mouse.move(pointer, t_ns)
+        for _ in range(MAX_EVENTS):
+            events = self._display.events()
+            t_ns = now_ns()
+            pointer = self._display.pointer
+            if pointer != self._pointer or pointer.wheel:  # else a client may have moved it
+                self._pointer = pointer
+                self._mouse.move(pointer, t_ns)
+            if not events:
+                break
+            for event in events:
+                self._do(event)
+            self._set_overlay(t_ns)  # the next key may be for the page that this one opened
         self.pass_on_notices()
         # a larger picture has larger parallax
         if self.viewer.set_width(self._display.width_mm()):
