@@ -147,18 +147,22 @@ def test_left_out_frames_are_not_counted_as_lost(world: World, scene: Path, hogs
         [first],
     ]
     hogs.start(last)
-    world.wait_for(lambda: _level(world) == 1, "lower level")
+    # levels before that draw smaller pictures, where that is measured to be cheaper
+    state = world.wait_for(
+        lambda: "every 2nd frame" in (now := world.monitor())["level_words"] and now, "lower level"
+    )
+    lowest = state["level"]
+    assert lowest == state["lowest_level"]
     hogs.end()
     left_out = before["track"]["left_out"]  # a busy machine may have lowered the quality already
     world.wait_for(
         lambda: world.monitor()["stages"]["track"]["left_out"] > left_out + 60, "frames left out"
     )
     state = world.monitor()
-    assert state["lowest_level"] == 1 and "every 2nd frame" in state["level_words"]
     assert abs(state["stages"]["capture"]["count"] - _used(state)) <= 8, (
         "every frame is used, lost or left out"
     )
-    lowered = [line for line in world.lines() if line["level"] == 1]
+    lowered = [line for line in world.lines() if line["level"] == lowest]
     assert all(line["source_seq"] % 2 == 0 for line in lowered[5:-1]) and all(
         line["face"] for line in lowered[5:-1]
     )
