@@ -53,7 +53,7 @@ from tests.support.world import World, private_world
 from tests.support.xvfb_screen import Screen, x_server
 
 # of the animation: a head goes and comes back, as people do; three panels, the floor with the head
-PERIOD_S, LOOK_STEP_MS, LOOK_QUALITY = 2.4, 60, 62
+PERIOD_S, LOOK_STEP_MS, LOOK_QUALITY = 2.4, 60, 58
 LOOK_PX, GAP_PX, FLOOR_PX, HEAD_PX = 392, 12, 140, 104
 WIDTH_PX = 3 * LOOK_PX + 2 * GAP_PX
 LAG_S = {"lfpipe": 0.039, "paper": 0.123}  # docs/figures.md
