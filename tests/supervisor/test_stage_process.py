@@ -129,9 +129,8 @@ def test_hang_reason_waits_for_a_stage_without_a_core(monkeypatch: pytest.Monkey
 @pytest.mark.native("counts what a process waits for a core")
 def test_activity_tells_a_starved_process_from_a_stopped_one() -> None:
     core = str(usable_cores()[0])
-    busy = f"import os; os.sched_setaffinity(0, [{core}])\n{{}}\nwhile True: pass"
-    starved = Child([sys.executable, "-c", busy.format("os.nice(19)")])
-    rival = Child([sys.executable, "-c", busy.format("")])
+    busy = f"import os; os.sched_setaffinity(0, [{core}])\nwhile True: pass"
+    rival, starved = (Child([sys.executable, "-c", busy]) for _ in range(2))
     try:
         until(lambda: activity(starved.pid).waited_ns > 100 * MS_NS, "wait for the core")
         starved.signal(signal.SIGSTOP)
@@ -140,8 +139,8 @@ def test_activity_tells_a_starved_process_from_a_stopped_one() -> None:
         before = activity(starved.pid).waited_ns
         stays(lambda: activity(starved.pid).waited_ns == before, 0.1, "its wait so far")
     finally:
+        rival.close()  # first: without it, the other one ends at once
         starved.close()
-        rival.close()
 
 
 def test_hang_reason_forgives_once_after_a_sleep(monkeypatch: pytest.MonkeyPatch) -> None:
