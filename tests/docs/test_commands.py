@@ -22,6 +22,9 @@ from tests.support.source import nodes
 from tests.support.world import World
 
 
+REPLAY = "examples/replay.yml"
+
+
 def texts() -> Iterator[tuple[str, list[str], bool]]:
     """(page or module, command lines of one shell block or one text, whether it is a block)."""
     for page in PAGES:
@@ -29,6 +32,8 @@ def texts() -> Iterator[tuple[str, list[str], bool]]:
             yield page, block.splitlines(), True
         text = re.sub("^#.*$", "", (ROOT / page).read_text(), flags=re.M)  # usage of commands
         yield page, re.findall(r"`((?:uv run )?(?:lfpipe|python -m) [^`]+)`", text), False
+    (folded,) = re.findall(r"^ +(lfpipe .+(?:\n +--.+)*)", (ROOT / REPLAY).read_text(), re.M)
+    yield REPLAY, [" ".join(folded.split())], False
     for module, node in nodes(ast.expr):
         if isinstance(node, ast.JoinedStr | ast.Constant):
             # what a message fills in: an option after a word, else an argument

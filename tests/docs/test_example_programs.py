@@ -39,6 +39,7 @@ def run(world: World, python: Path, *words: str | Path) -> str:
         ("from_array.py views.npy", "(96, 128, 3)"),
         ("eyes.py VIDEO", " mm"),
         ("session.py SCENE demo", "p50"),
+        ("window_projection.py 80 40 600", "-600."),
         ("compare_filters.py SEQ SCENE", "mean 60 faces"),
         ("record_and_replay.sh SCENE demo", "matches reference"),
     ],
@@ -62,8 +63,8 @@ EXAMPLE_FILES = sorted(path.name for path in EXAMPLES.iterdir() if path.suffix i
 def test_example_programs_are_run_and_listed() -> None:
     marks: Any = test_example_program_runs.pytestmark  # type: ignore[attr-defined]
     programs = {row[0].split()[0] for row in marks[0].args[1]}
-    # they run until they are ended: test_examples.py, and test_live_field.py
-    programs |= {"eyes_to_page.py", "live_scene.py"}
+    # tests/extras/share/test_examples.py, and tests/pipeline/test_live_field.py
+    programs |= {"eyes_to_page.py", "lsl_experiment.py", "live_scene.py"}
     assert programs == set(EXAMPLE_FILES)
     listed = re.findall(r"^\| `([\w.]+) ", (EXAMPLES / "README.md").read_text(), re.M)
     assert sorted(listed) == EXAMPLE_FILES

@@ -7,6 +7,7 @@ import json
 import os
 import re
 import runpy
+import shutil
 import signal
 import textwrap
 import time
@@ -88,8 +89,7 @@ def test_contracts_say_where_the_parts_of_a_ring_are() -> None:
 
 
 def test_layout_example_opens_its_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    example = next(block for block in blocks("docs/extending.md") if "def detect" in block)
-    (tmp_path / "trio.py").write_text(example)
+    shutil.copy(ROOT / "examples/lfpipe-example/lfpipe_example/trio.py", tmp_path)
     monkeypatch.setattr(layouts, "__path__", [*layouts.__path__, str(tmp_path)])
     importlib.invalidate_caches()
     scene = tmp_path / "scene"
@@ -162,20 +162,10 @@ def frame_of(source: FrameSource, out: np.ndarray) -> object:
         return None
 
 
-def program(word: str) -> str:
-    """The block of Python that holds word."""
-    return next(block for block in blocks("docs/recipes.md") if word in block)
-
-
-def test_window_projection_example_keeps_the_screen_in_place(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    names: dict[str, object] = {}
-    exec(program("window_projection"), names)
-    assert capsys.readouterr().out.strip() == "[1. 1.]"
-    made = names["window_projection"]
+def test_window_projection_example_keeps_the_screen_in_place() -> None:
+    made = runpy.run_path(str(ROOT / "examples" / "window_projection.py"))["window_projection"]
     for eye in ((0, 0, 600), (120, -80, 450), (-200, 60, 900)):
-        projection, view = made(eye, (530, 300))  # type: ignore[operator]
+        projection, view = made(eye, (530, 300))
         for corner in ((-265, -150), (265, -150), (-265, 150)):
             seen = projection @ view @ (*corner, 0, 1)
             np.testing.assert_allclose(seen[:2] / seen[3], np.sign(corner), atol=1e-9)

@@ -15,7 +15,6 @@ from lfpipe.extras.share.output import LslOutput, Sample, osc_datagram
 from lfpipe.extras.share.target import Target
 from lfpipe.transport.clock import now_ns
 from tests.docs.conftest import ROOT
-from tests.docs.test_examples import program
 from tests.extras.share.receivers import free_port, lsl_environment
 from tests.extras.share.test_outputs import HEAD
 from tests.support.world import until
@@ -47,13 +46,12 @@ def test_eyes_to_page_example_passes_eyes_on(tmp_path: Path) -> None:
     )
 
 
-def test_lab_eyes_example_reads_eyes(tmp_path: Path) -> None:
+def test_lsl_example_reads_eyes(tmp_path: Path) -> None:
     pytest.importorskip("pylsl")
     os.environ |= lsl_environment(tmp_path)
     name = f"lab{os.getpid()}"
     output = LslOutput(Target(kind="lsl", name=name), "recipe", 30.0, True)
-    example = program("lab-eyes")
-    command = [sys.executable, "-c", example.replace("lab-eyes", f"{name}-eyes")]
+    command = [sys.executable, str(ROOT / "examples" / "lsl_experiment.py"), name]
     try:
         with subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
