@@ -82,7 +82,7 @@ def test_docs_links_and_files_exist() -> None:
             )
 
 
-WRITTEN_BY_HAND = 14_950  # words, with a letter or a digit; goal: 14,000
+WRITTEN_BY_HAND = 14_000  # words, with a letter or a digit
 GENERATED = ("commands.md", "configuration.md", "reference.md")
 
 
