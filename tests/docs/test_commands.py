@@ -21,7 +21,6 @@ from tests.support import extras
 from tests.support.source import nodes
 from tests.support.world import World
 
-
 REPLAY = "examples/replay.yml"
 
 

@@ -105,8 +105,6 @@ def test_docs_name_one_address_and_one_date_of_the_release() -> None:
     (date,) = re.findall(rf"## {project['version']}, (\d{{4}}-\d\d-\d\d)\n", changes)
     assert f"date-released: {date}\n" in citation
     assert max(map(len, changes.splitlines())) <= 100
-    pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
-    named = {
-        name for page in pages for name in re.findall(r"git\+(https://[^\s`]+)", page.read_text())
-    }
-    assert named == {address}
+    pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md"), ROOT / "examples" / "replay.yml"]
+    named = re.compile(r"(?:git\+|git clone )(https://[^\s`]+)")
+    assert {name for page in pages for name in named.findall(page.read_text())} == {address}
