@@ -3,6 +3,7 @@ and the counter of statements counts.
 """
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -94,6 +95,17 @@ def test_large_classes_are_keyword_only() -> None:
         if not by_keyword and name not in POSITIONAL.get(package, "").split()
     }
     assert not wrong, "add kw_only=True"
+
+
+def test_attributes_are_documented_below_their_fields() -> None:
+    """Not in the docstring of their class, where no tool finds them."""
+    found = []
+    for module, node in nodes(ast.ClassDef):
+        fields = [one.target for one in node.body if isinstance(one, ast.AnnAssign)]
+        named = re.findall(r"(\w+): ", ast.get_docstring(node) or "")
+        if any(isinstance(field, ast.Name) and field.id in named for field in fields):
+            found.append(f"{module}:{node.name}")
+    assert not found
 
 
 def test_positional_allowlist_is_minimal() -> None:

@@ -42,14 +42,13 @@ T = TypeVar("T")
 
 @attrs.frozen
 class CameraDevice:
-    """A listed device.
-
-    name: the driver's. place: its path in /sys, which names the port. Both empty if unknown.
-    """
+    """A listed device; texts are empty if unknown."""
 
     path: Path
     name: str = ""
+    """The driver's."""
     place: str = ""
+    """Its path in /sys, which names the port."""
 
 
 def with_time_limit(limit_s: float, call: Callable[[], T]) -> T:

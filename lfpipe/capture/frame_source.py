@@ -37,14 +37,15 @@ def undecodable(what: str, error: BrokenFrame | MemoryError | cv2.error) -> Brok
 
 @attrs.frozen
 class SourceInfo:
-    """Properties of an open source. size_px: (width, height) of its own frames. rate_hz: what it
-    delivers. live: a device, not a recording.
-    """
+    """Properties of an open source."""
 
     name: str
     size_px: tuple[int, int]
+    """(width, height) of its own frames."""
     rate_hz: float
+    """What it delivers."""
     live: bool
+    """A device, not a recording."""
     jpeg: bool = False  # its frames are JPEGs, each with its `Frame.packet`
     eyes: str = ""  # folder of the recording, if it holds the eyes of the mouse instead of frames
     # to show the user once: scaled frames, another rate than requested, ...
@@ -53,21 +54,20 @@ class SourceInfo:
 
 @attrs.frozen
 class Frame:
-    """Stamps of a frame that `read` wrote. t_sensor_ns: middle of the exposure, or the scheduled
-    time of a file.
-
-    t_read_ns: when the frame left the driver or, for a recording played without a pace, the disk; 0
-    for any other recording, whose frame is due at t_sensor_ns and not before. packet: the JPEG it
-    was decoded from, uint8 (n,), if it has the source's own size. stamp: what t_sensor_ns was
-    derived from. shuttered: the camera's privacy switch is on.
-    """
+    """Stamps of a frame that `read` wrote."""
 
     source_seq: int
     t_sensor_ns: int
+    """Middle of the exposure, or the scheduled time of a file."""
     t_read_ns: int
+    """When the frame left the driver or, for a recording played without a pace, the disk; 0 for any
+    other recording, whose frame is due at t_sensor_ns and not before."""
     packet: NDArray[np.uint8] | None = attrs.field(default=None, eq=False, repr=False)
+    """The JPEG it was decoded from, uint8 (n,), if it has the source's own size."""
     stamp: StampKind = StampKind.SCHEDULED
+    """What t_sensor_ns was derived from."""
     shuttered: bool = False
+    """The camera's privacy switch is on."""
 
 
 class FrameSource(Protocol):

@@ -32,18 +32,17 @@ MAX_BROKEN = 50  # frames in a row: 2 s of a video
 
 @attrs.frozen(eq=False)
 class Recording:
-    """A series of frames that can be played again and again.
-
-    info: with the recording's own rate, 0 if it has none. read: called with 0, 1, 2, ..., it
-    returns the next frame, None at the end; 0 starts over. It raises BrokenFrame for one that
-    cannot be decoded. close: call when no more frames are needed. exact: its stamps are those of
-    its frames; else a container may have rounded them.
-    """
+    """A series of frames that can be played again and again."""
 
     info: SourceInfo
+    """With the recording's own rate, 0 if it has none."""
     read: Callable[[int], RecordedFrame | None]
+    """Called with 0, 1, 2, ..., it returns the next frame, None at the end; 0 starts over. It
+    raises BrokenFrame for one that cannot be decoded."""
     close: Callable[[], None] = lambda: None
+    """Call it when no more frames are needed."""
     exact: bool = False
+    """Its stamps are those of its frames; else a container may have rounded them."""
 
     def read_into(self, index: int, out: NDArray[np.uint8]) -> RecordedFrame | None:
         """As `read`, with the picture also in out, uint8 (height, width, 3) BGR, scaled to fit."""

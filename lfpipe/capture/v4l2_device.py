@@ -35,29 +35,29 @@ S = TypeVar("S", bound=Structure)
 
 @attrs.frozen
 class Mode:
-    """What a device delivers.
-
-    fourcc: see `v4l2_abi.fourcc_text`. stride: bytes per row, 0 for JPEGs. rate_hz: 0 if unknown.
-    """
+    """What a device delivers."""
 
     fourcc: str
+    """See `v4l2_abi.fourcc_text`."""
     width_px: int
     height_px: int
     stride: int
+    """Bytes per row, 0 for JPEGs."""
     rate_hz: float
+    """0 if unknown."""
 
 
 @attrs.frozen(kw_only=True)
 class FrameSizes:
-    """A pixel format with one of its sizes, or with a range of sizes up to largest_px (width,
-    height). rates_hz: descending, in a range those of the smallest size; empty if unknown.
-    """
+    """A pixel format with one of its sizes, or with a range of sizes."""
 
     fourcc: str
     width_px: int
     height_px: int
     rates_hz: tuple[float, ...] = ()
+    """Descending, in a range those of the smallest size; empty if unknown."""
     largest_px: tuple[int, int] | None = None
+    """(width, height) of the largest size of a range."""
 
     @property
     def text(self) -> str:
@@ -67,7 +67,7 @@ class FrameSizes:
 
 @attrs.frozen
 class ControlRange:
-    """A control of integers. minimum, maximum, step: in the driver's units."""
+    """A control of integers, in the driver's units."""
 
     minimum: int
     maximum: int
@@ -76,16 +76,18 @@ class ControlRange:
 
 @attrs.frozen(kw_only=True)
 class RawFrame:
-    """data: uint8 (n,), valid until the next read. sequence: the driver's count of frames; gaps are
-    lost frames. stamp_ns: the driver's stamp, from an unknown clock. start_of_exposure: the stamp
-    marks that, else the end of the frame. damaged: the driver marked the frame as broken.
-    """
+    """A frame as the driver delivers it."""
 
     data: NDArray[np.uint8]
+    """uint8 (n,), valid until the next read."""
     sequence: int
+    """The driver's count of frames; gaps are lost frames."""
     stamp_ns: int
+    """The driver's stamp, from an unknown clock."""
     start_of_exposure: bool
+    """The stamp marks that, else the end of the frame."""
     damaged: bool
+    """The driver marked the frame as broken."""
 
 
 def _buffer(index: int = 0) -> abi.Buffer:

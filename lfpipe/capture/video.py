@@ -39,13 +39,14 @@ MORE_KINDS = (
 
 @attrs.frozen(eq=False)
 class RecordedFrame:
-    """stamp_ns: by the recording's own clock. picture: uint8 (height, width, 3) BGR. packet: the
-    JPEG that it was decoded from, uint8 (n,), if it has the recording's size.
-    """
+    """A frame of a recording."""
 
     stamp_ns: int
+    """By the recording's own clock."""
     picture: NDArray[np.uint8]
+    """uint8 (height, width, 3) BGR."""
     packet: NDArray[np.uint8] | None = None
+    """The JPEG that it was decoded from, uint8 (n,), if it has the recording's size."""
 
 
 class Video:

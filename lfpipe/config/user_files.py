@@ -19,7 +19,7 @@ from lfpipe.host.files import exists, is_missing
 
 FILE_BYTES = 128 << 10  # ten times the size of a file with every key
 PLACED = "live:"  # prefix of the table of a placement
-MOST_PX = 65536.0  # of a view's width, and of what it differs by
+MAX_PX = 65536.0  # of a view's width, and of what it differs by
 FOCAL_PX = 1.0, 1e6  # of a camera: what camera.focal_px accepts, at any width
 
 
@@ -53,9 +53,9 @@ def measured_placement(cameras: str, width_px: int) -> Placement | None:
     """
     if (measured := _measured(PLACED + cameras)) is None:
         return None
-    height_px = measured.number("height_px", -MOST_PX, MOST_PX)
+    height_px = measured.number("height_px", -MAX_PX, MAX_PX)
     return Placement(
-        height_px=height_px * width_px / measured.number("width_px", 1, MOST_PX),
+        height_px=height_px * width_px / measured.number("width_px", 1, MAX_PX),
         rotation_deg=measured.number("rotation_deg", -45, 45),
         scale=measured.number("scale", 0.5, 2),
         swapped=measured.flag("swapped"),

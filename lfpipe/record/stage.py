@@ -49,9 +49,10 @@ Frame = tuple[Stamp, str, NDArray[np.uint8] | bytes]
 
 
 class FramesInOrder(Protocol):
-    """Reads one stream of the session. size_px: of its frames."""
+    """Reads one stream of the session."""
 
     size_px: tuple[int, int]
+    """(width, height) of its frames."""
 
     def skip(self) -> None:
         """Skips what was published until now without counting it as lost."""

@@ -62,17 +62,16 @@ class DisplayTime:
 
 
 class TrackedEyes(NamedTuple):
-    """The eyes that a picture is made for.
-
-    stamp: of their frame. t_ns: the time at which the record is true, where prediction starts: the
-    frame's, or that of the choice for the mouse and for nobody. waited_ns: from their publication
-    until they were read.
-    """
+    """The eyes that a picture is made for."""
 
     record: EyesRecord
     stamp: Stamp
+    """Of their frame."""
     t_ns: int
+    """The time at which the record is true, where prediction starts: the frame's, or that of the
+    choice for the mouse and for nobody."""
     waited_ns: int = 0
+    """From their publication until they were read."""
     by_mouse: bool = False
 
 

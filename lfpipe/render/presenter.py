@@ -23,13 +23,12 @@ from lfpipe.transport.clock import now_ns, sleep_until
 
 
 class Drawing(NamedTuple):
-    """A picture, uint8 (height, width, 3) BGR, valid until the next one.
-
-    pair: the left and the right view that it consists of, for a screen that must arrange them.
-    """
+    """What is shown."""
 
     picture: NDArray[np.uint8]
+    """uint8 (height, width, 3) BGR, valid until the next one."""
     pair: Pair | None
+    """The left and the right view that it consists of, for a screen that must arrange them."""
 
 
 Draw = Callable[[Viewer, Key], Drawing]

@@ -83,11 +83,13 @@ CAUSES = {  # in the order of the pipeline: an earlier difference causes the lat
 
 @attrs.frozen
 class Difference:
-    """part: one of PARTS. frame: source_seq of the first one, None for the whole run."""
+    """The first difference of a kind."""
 
     part: str
+    """One of PARTS."""
     what: str
     frame: int | None = None
+    """source_seq of the first one, None for the whole run."""
 
     def __str__(self) -> str:
         return (
@@ -99,22 +101,22 @@ class Difference:
 
 @attrs.frozen
 class ComparedFrame:
-    """Its lines in the reference and now.
-
-    cause: name of their first difference in CAUSES, FLIP, or "" for none.
-    """
+    """Lines of a frame in the reference and now."""
 
     was: Line
     now: Line
     cause: str
+    """Name of their first difference in CAUSES, FLIP, or "" for none."""
 
 
 @attrs.frozen
 class Comparison:
-    """differences: empty if everything matches. notes: how the comparison was made, for people."""
+    """The result of a comparison."""
 
     differences: list[Difference]
+    """Empty if everything matches."""
     notes: list[str]
+    """How the comparison was made, for people."""
 
 
 PARTS = ("config", "plan", "scene", "counts", "eyes", "disparity", "views", "pictures")

@@ -15,16 +15,18 @@ Kind = Literal["", "failure", "error", "skipped"]
 
 @attrs.frozen(kw_only=True)
 class TestCase:
-    """kind: of what went wrong, "" if nothing did. message, text: short and long, of that.
-    seconds: None if not measured.
-    """
+    """A case of a JUnit report."""
 
     classname: str
     name: str
     kind: Kind = ""
+    """Of what went wrong, "" if nothing did."""
     message: str = ""
+    """Short description of that."""
     text: str = ""
+    """Long description of that."""
     seconds: float | None = None
+    """None if not measured."""
 
 
 def junit(name: str, cases: Sequence[TestCase], seconds: float | None = None) -> bytes:

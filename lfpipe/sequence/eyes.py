@@ -31,17 +31,18 @@ REMEDY = (
 
 @attrs.frozen(eq=False)
 class Truth:
-    """t_ns: (n,) since the first frame.
-
-    eyes_px: (n, 2, 2). visible, still: (n,), both eyes are in view, the head rests.
-    """
+    """Ground truth of a recording."""
 
     t_ns: NDArray[np.int64]
+    """(n,) since the first frame."""
     eyes_px: NDArray[np.float64]
+    """(n, 2, 2)."""
     visible: NDArray[np.bool_]
+    """(n,): both eyes are in view."""
     still: NDArray[np.bool_] = attrs.Factory(
         lambda self: np.zeros(len(self.t_ns), np.bool_), takes_self=True
     )
+    """(n,): the head rests."""
 
     def at(self, t_ns: ArrayLike) -> NDArray[np.float64]:
         """The eyes (..., 2, 2) px at times (...) after the first frame, between its rows; constant

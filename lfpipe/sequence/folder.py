@@ -180,10 +180,7 @@ def _sha256(path: Path) -> str:
 
 @attrs.frozen(eq=False, kw_only=True)
 class Sequence:
-    """An opened sequence.
-
-    complete: its recording ended properly; otherwise it holds the frames up to the cut.
-    """
+    """An opened sequence."""
 
     path: Path
     manifest: dict[str, Any]
@@ -192,6 +189,7 @@ class Sequence:
     height_px: int
     rate_hz: float
     complete: bool
+    """Its recording ended properly; otherwise it holds the frames up to the cut."""
 
     def data(self, index: int) -> bytes:
         """The packet of a frame as it was stored.

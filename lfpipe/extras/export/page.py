@@ -51,18 +51,18 @@ SHRINK = 0.95  # per attempt, at most
 
 @attrs.frozen(kw_only=True)
 class Quilt:
-    """How the views of a page lie in its picture, row by row from the top left.
-
-    rows, cols: views. width_px, height_px: of a tile. across: tiles side by side.
-    wanted: (rows, cols) for a smooth picture; more than there are where the page was too large.
-    """
+    """How the views of a page lie in its picture, row by row from the top left."""
 
     rows: int
     cols: int
+    """Of the grid, as rows."""
     width_px: int
     height_px: int
+    """Of a tile, as width_px."""
     across: int
+    """Tiles side by side."""
     wanted: tuple[int, int]
+    """(rows, cols) for a smooth picture; more than there are where the page was too large."""
 
     @property
     def down(self) -> int:

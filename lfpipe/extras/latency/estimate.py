@@ -96,18 +96,20 @@ Float = NDArray[np.float64]
 
 @attrs.frozen(kw_only=True)
 class Recording:
-    """t_flip_ns: int64 (m,), times at which the screen presented another level; bright: bool (m,),
-    that level. t_frame_ns: int64 (n,), the camera's stamps. pictures: uint8 (n, height, width),
-    small grey pictures. stamped: the stamps come from the driver, not from the time of reading.
-    refresh_ms: period of the screen.
-    """
+    """What the camera saw while the screen changed its level."""
 
     t_flip_ns: NDArray[np.int64]
+    """int64 (m,), times at which the screen presented another level."""
     bright: NDArray[np.bool_]
+    """bool (m,), that level."""
     t_frame_ns: NDArray[np.int64]
+    """int64 (n,), the camera's stamps."""
     pictures: NDArray[np.uint8]
+    """uint8 (n, height, width), small grey pictures."""
     stamped: bool
+    """The stamps come from the driver, not from the time of reading."""
     refresh_ms: float
+    """Period of the screen."""
 
     def times_ms(self) -> tuple[Float, Float]:
         """Stamps and flips from the first flip on."""
@@ -139,12 +141,14 @@ class Recording:
 
 @attrs.frozen
 class LoopDelay:
-    """delay_ms with its 90 % interval. exposure_ms: as fitted."""
+    """The delay of camera and display together."""
 
     delay_ms: float
     low_ms: float
     high_ms: float
+    """low_ms to high_ms is the 90 % interval of delay_ms."""
     exposure_ms: float
+    """As fitted."""
 
     @property
     def half_ms(self) -> float:
@@ -231,15 +235,16 @@ def find_area(recording: Recording) -> tuple[Float, float]:
 
 @attrs.frozen(eq=False)
 class Bands:
-    """The screen in bands of rows. levels: (n, k), as the camera saw them. rows: (k,), their places
-    in the picture, from -0.5 at its top to 0.5. weights: (k,). height: of the screen, as a share of
-    the picture's.
-    """
+    """The screen in bands of rows."""
 
     levels: Float
+    """(n, k), as the camera saw them."""
     rows: Float
+    """(k,), their places in the picture, from -0.5 at its top to 0.5."""
     weights: Float
+    """(k,)."""
     height: float
+    """Of the screen, as a share of the picture's."""
 
     @classmethod
     def of(cls, recording: Recording, weights: Float) -> Self:

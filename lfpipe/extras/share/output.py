@@ -34,15 +34,16 @@ POSE = struct.Struct("<6d")  # x, y, z in cm; yaw, pitch, roll in degrees
 
 @attrs.frozen
 class Sample:
-    """Eyes at one moment. t_ns: the sensor's stamp or, for predicted eyes, the time of sending.
-    head: None without a face. confidence: of the face, 0..1; 0 without one.
-    """
+    """Eyes at one moment."""
 
     source_seq: int
     t_sensor_ns: int
     t_ns: int
+    """The sensor's stamp or, for predicted eyes, the time of sending."""
     head: Head | None
+    """None without a face."""
     confidence: float = 0.0
+    """Of the face, 0..1; 0 without one."""
 
 
 def opentrack_datagram(sample: Sample) -> bytes:

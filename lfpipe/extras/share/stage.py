@@ -25,11 +25,12 @@ from lfpipe.transport.ring_io import RingInput
 
 @attrs.define
 class _Channel:
-    """An open target. ticker: due times of predicted eyes; None if every frame is sent."""
+    """An open target."""
 
     target: Target
     output: UdpOutput | LslOutput
     ticker: Ticker | None
+    """Due times of predicted eyes; None if every frame is sent."""
     works: bool = True
 
 

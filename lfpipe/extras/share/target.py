@@ -26,15 +26,17 @@ NAME = "lfpipe"  # of LSL's streams
 
 @attrs.frozen(kw_only=True)
 class Target:
-    """kind: a key of LIBRARIES. host, port: of UDP; a numeric address once checked. name: of LSL's
-    streams. rate_hz: of predicted eyes; 0 sends those of every camera frame.
-    """
+    """Where eyes are sent."""
 
     kind: str
+    """A key of LIBRARIES."""
     host: str = ""
     port: int = 0
+    """Of UDP, as host; a numeric address once checked."""
     name: str = ""
+    """Of LSL's streams."""
     rate_hz: float = 0.0
+    """Of predicted eyes; 0 sends those of every camera frame."""
 
     def __str__(self) -> str:
         host = f"[{self.host}]" if ":" in self.host else self.host

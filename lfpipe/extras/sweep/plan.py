@@ -46,17 +46,17 @@ REMEDY = "see `lfpipe sweep --help` for the form of a plan"
 
 @attrs.frozen(kw_only=True)
 class Cell:
-    """sequence, scene: paths, "" for none. sets, options: KEY=VALUE texts of the configuration, and
-    of quality and table.
-    key: hash of everything that affects the outcome.
-    """
+    """One measurement of a plan."""
 
     subject: str
     sequence: str
     scene: str
+    """A path, as sequence; "" for none."""
     sets: tuple[str, ...] = ()
     options: tuple[str, ...] = ()
+    """KEY=VALUE texts of quality and table; sets are those of the configuration."""
     key: str = ""
+    """Hash of everything that affects the outcome."""
 
     @property
     def name(self) -> str:

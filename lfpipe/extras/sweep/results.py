@@ -31,18 +31,18 @@ FORMULA = ("=", "+", "-", "@", "\t", "\r")  # a spreadsheet would compute a text
 
 @attrs.frozen
 class Outcome:
-    """The outcome of a cell.
-
-    figures: numbers and digests by name. seconds: of its process. began_s: Unix time.
-    """
+    """The outcome of a cell."""
 
     cell: Cell
     state: str
     reason: str = ""
     metrics: dict[str, float | str] = attrs.Factory(dict)
+    """Numbers and digests by name."""
     seconds: float = 0.0
+    """Of its process."""
     host: str = ""
     began_s: float = 0.0
+    """Unix time."""
 
     def row(self) -> dict[str, str]:
         """As a row of a table: the columns ABOUT, then the figures."""

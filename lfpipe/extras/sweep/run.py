@@ -38,12 +38,12 @@ Notice = Callable[[str], None]
 
 @attrs.frozen
 class Workers:
-    """submit: starts measuring a cell and returns its future, of Dask or of Python. count: raises
-    UserError if there are none.
-    """
+    """What measures cells."""
 
     submit: Callable[[Cell, SweepOptions], Any]
+    """Starts measuring a cell and returns its future, of Dask or of Python."""
     count: Callable[[], int]
+    """Raises UserError if there are none."""
 
 
 @cache

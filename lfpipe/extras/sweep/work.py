@@ -39,14 +39,13 @@ Measured = tuple[str, str, dict[str, Any]]  # state, reason, metrics
 
 @attrs.frozen
 class SweepOptions:
-    """How to measure cells. references: folder with a folder for each replay and quality cell, ""
-    compares nothing.
-    update: they are written instead.
-    """
+    """How to measure cells."""
 
     limit_s: float
     references: str = ""
+    """Folder with a folder for each replay and quality cell; "" compares nothing."""
     update: bool = False
+    """References are written instead."""
 
     def reference(self, cell: Cell) -> Path | None:
         """Where the reference of a cell is; None for a subject without."""

@@ -14,13 +14,11 @@ from lfpipe.render.synthesis.pair_layout import Pair
 
 @attrs.frozen
 class DisplayNotice:
-    """A notice for the user.
-
-    lost: the display's file ended early, because of a full disk or the like.
-    """
+    """A notice for the user."""
 
     text: str
     lost: bool
+    """The display's file ended early, because of a full disk or the like."""
 
 
 class Display:

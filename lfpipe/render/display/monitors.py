@@ -23,10 +23,7 @@ SQUARE = 0.1  # pixels further from square than this: the reported size is inven
 
 @attrs.frozen(kw_only=True)
 class Monitor:
-    """x, y, width, height: its area on the desktop, in the units of window positions. pixel_mm: the
-    pitch of its physical pixels, None if it reports no size or an impossible one. rate_hz: the
-    refresh rate that it claims.
-    """
+    """A monitor as its driver describes it."""
 
     number: int
     name: str
@@ -34,8 +31,11 @@ class Monitor:
     y: int
     width: int
     height: int
+    """(x, y, width, height) is its area on the desktop, in the units of window positions."""
     pixel_mm: float | None
+    """The pitch of its physical pixels, None if it reports no size or an impossible one."""
     rate_hz: float = NOMINAL_HZ
+    """The refresh rate that it claims."""
 
     def window_for(self, size_px: tuple[int, int]) -> tuple[int, int]:
         """(width, height) of the first window for pictures of that size."""

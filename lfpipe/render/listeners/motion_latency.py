@@ -32,21 +32,22 @@ GAP_NS = SECOND_NS // 4  # from frame to frame; after a longer gap the time betw
 
 
 class _Frame(NamedTuple):
-    """x, y: the middle of the eyes, px."""
+    """Eyes of a camera frame."""
 
     t_ns: int
     x: float
     y: float
+    """(x, y) is the middle of the eyes, px."""
     eye_distance_px: float
 
 
 class _Picture(NamedTuple):
-    """t_light_ns: when it appears. t_middle_ns: the middle of its display time, for which it was
-    made. Both on the camera's clock.
-    """
+    """A picture, on the camera's clock."""
 
     t_light_ns: int
+    """When it appears."""
     t_middle_ns: int
+    """The middle of its display time, for which it was made."""
     x: float
     y: float
 
