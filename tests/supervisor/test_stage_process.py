@@ -128,19 +128,22 @@ def test_hang_reason_waits_for_a_stage_without_a_core(monkeypatch: pytest.Monkey
 
 @pytest.mark.native("counts what a process waits for a core")
 def test_activity_tells_a_starved_process_from_a_stopped_one() -> None:
-    core = str(usable_cores()[0])
-    busy = f"import os; os.sched_setaffinity(0, [{core}])\nwhile True: pass"
-    rival, starved = (Child([sys.executable, "-c", busy]) for _ in range(2))
+    busy = [
+        Child([sys.executable, "-c", "while True: pass"]) for _ in range(len(usable_cores()) + 1)
+    ]
+    starved = busy[0]
     try:
-        until(lambda: activity(starved.pid).waited_ns > 100 * MS_NS, "wait for the core")
+        until(lambda: activity(starved.pid).waited_ns > 100 * MS_NS, "wait for a core")
         starved.signal(signal.SIGSTOP)
         stage = psutil.Process(starved.pid)
-        until(lambda: stage.status() == psutil.STATUS_STOPPED, "stop, once it has the core")
+        until(lambda: stage.status() == psutil.STATUS_STOPPED, "stop, once it has a core")
         before = activity(starved.pid).waited_ns
         stays(lambda: activity(starved.pid).waited_ns == before, 0.1, "its wait so far")
     finally:
-        rival.close()  # first: without it, the other one ends at once
-        starved.close()
+        for one in busy:  # all of them first, for the others wait for a core, too
+            one.signal(signal.SIGKILL)
+        for one in busy:
+            one.close()
 
 
 def test_hang_reason_forgives_once_after_a_sleep(monkeypatch: pytest.MonkeyPatch) -> None:
