@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError, quoted
 from lfpipe.files.pictures import begins_as_picture
 from lfpipe.files.safe_files import check_links, open_file, reason
+from lfpipe.files.untrusted import finite
 from lfpipe.host.files import proc_fd_path
 from lfpipe.host.terminal import opencv_logging
 
@@ -191,6 +192,7 @@ def read_pfm(path: Path) -> NDArray[np.float32]:
     with open_file(path) as file:
         header = file.read(100).split()  # Pf, width, height, scale: its sign is the byte order
         values = cv2.imread(proc_fd_path(file), cv2.IMREAD_UNCHANGED)
-    if values is None or values.dtype != np.float32 or values.ndim != 2:
+    scale = finite(header[3].decode("latin-1")) if len(header) > 3 else None
+    if scale is None or values is None or values.dtype != np.float32 or values.ndim != 2:
         raise UserError(f"{path}: not a readable PFM map of one plane", "download the file again")
-    return np.asarray(values, np.float32) * abs(np.float32(header[3]))  # which OpenCV divides by
+    return np.asarray(values, np.float32) * np.float32(abs(scale))  # which OpenCV divides by

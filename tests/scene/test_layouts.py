@@ -13,6 +13,7 @@ import pytest
 import scipy.io
 
 from lfpipe import config
+from lfpipe.errors import UserError
 from lfpipe.scene import layouts
 from lfpipe.scene.files import read_pfm
 from lfpipe.scene.layouts._tiles import find_tiles
@@ -335,6 +336,13 @@ def test_the_scale_of_a_pfm_map_is_its_byte_order_only(
         f"Pf\n4 3\n{scale}\n".encode() + values[::-1].astype(order).tobytes()
     )
     np.testing.assert_allclose(read_pfm(tmp_path / "x.pfm"), values, rtol=1e-6)
+
+
+@pytest.mark.parametrize("scale", ["0x10", "nan", ""])
+def test_a_pfm_map_without_a_scale_is_refused(tmp_path: Path, scale: str) -> None:
+    (tmp_path / "x.pfm").write_bytes(f"Pf\n4 3\n{scale}\n".encode() + bytes(48))
+    with pytest.raises(UserError, match=r"x\.pfm: not a readable PFM map"):
+        read_pfm(tmp_path / "x.pfm")
 
 
 @pytest.mark.parametrize(("layout", "shape"), [("quilt", (1, 45)), ("mosaic", (9, 5))])
