@@ -23,7 +23,7 @@ from lfpipe.transport.clock import now_ns, sleep_until
 
 
 class Drawing(NamedTuple):
-    """What is shown."""
+    """A picture and its views."""
 
     picture: NDArray[np.uint8]
     """uint8 (height, width, 3) BGR, valid until the next one."""
