@@ -62,7 +62,7 @@ from lfpipe.supervisor.supervisor import run_session
 from lfpipe.track import models
 from lfpipe.transport.session import Session, default_name
 
-DEMO_S = 10.0  # length of the demo without a screen
+DEMO_S = 5.0  # length of the demo without a screen: the head moves to both sides
 DEMO_FOLDER = Path("lfpipe-demo")
 
 

@@ -23,7 +23,7 @@ from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Stamp
 
-UNCLEAR_FRAMES = 30  # of no use, before the user is told: a camera may begin in black
+UNCLEAR_FRAMES = 30  # of no use, before a notice: a camera may begin in black
 REPORT_NS = 5 * SECOND_NS  # between two reports of the alignment
 
 
