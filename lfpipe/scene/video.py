@@ -133,7 +133,11 @@ class Video:
         """
         self._next = 0
         if self._by_av:
-            self._capture: cv2.VideoCapture | _Stream = _Stream(self._file, self._stream)
+            try:
+                self._capture: cv2.VideoCapture | _Stream = _Stream(self._file, self._stream)
+            except Exception:  # PyAV raises many kinds for damage
+                what = f"{self._path}: its video stream {self._stream + 1} cannot be read"
+                raise UserError(what, _REMEDY) from None
             return
         threads = [cv2.CAP_PROP_N_THREADS, 2 if frame_px <= 12_000_000 else 1]
         self._capture = cv2.VideoCapture(proc_fd_path(self._file), cv2.CAP_FFMPEG, threads)

@@ -179,6 +179,13 @@ def test_two_streams_are_a_pair_or_named(
     assert ("another package" in caught.value.message) == pair
 
 
+def test_a_stream_that_is_declared_and_not_there_is_named(tmp_path: Path) -> None:
+    path = two_streams(tmp_path / "a.mov", [OTHER] * 4)
+    path.write_bytes(path.read_bytes() + b"hdlr" + bytes(8) + b"vide")
+    with pytest.raises(UserError, match="the second video stream"):
+        layouts.describe(path, AUTO)
+
+
 def test_a_video_opens_with_the_grid_that_its_remedy_asks_for(tmp_path: Path) -> None:
     path = film([made.mosaic(np.array([[LEFT, OTHER]]))] * 5)(tmp_path)
     with pytest.raises(UserError, match=r"form no grid") as caught:

@@ -8,6 +8,7 @@ What a JPEG says decides, whatever its ending: the index of its pictures (CIPA D
 
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -157,8 +158,10 @@ def _looks(path: Path) -> list[NDArray[Any]]:
     if not path.name.lower().endswith(VIDEOS):
         return [read_picture(path)[0]]
     number, picture = telling_frame(path)
-    both = stream_count(path) > 1 and find_spec("av")
-    return [picture, Video(path, 1).read(number)] if both else [picture]
+    if stream_count(path) > 1 and find_spec("av"):
+        with suppress(UserError):  # a stream that is declared and not there
+            return [picture, Video(path, 1).read(number)]
+    return [picture]
 
 
 @lru_cache(maxsize=2)
