@@ -2,13 +2,12 @@
 whatever follows it, and how much work it claims. Decoders take as long as a file wants.
 
 JPEG: ITU T.81, annex B; PNG: W3C; GIF89a; TIFF 6.0 and BigTIFF; WebP: RFC 9649; AVIF and HEIF:
-ISO/IEC 14496-12, 23008-12 (boxes and items), AV1 specification 5.5 (sequence header).
+ISO/IEC 14496-12 (boxes).
 """
 
 import contextlib
 import re
 import struct
-from collections.abc import Iterator
 from typing import IO, Any
 
 import attrs
@@ -19,7 +18,6 @@ MAX_PICTURES = 4096  # in one file: 64x64 views
 MAX_PARTS = 1 << 17  # chunks or segments: of a PNG, 8 kB each, of the largest picture; a second
 _WINDOW = 1 << 20
 _BOXES = (b"ftyp", b"meta", b"mdat", b"moov", b"free", b"skip", b"uuid", b"mpvd")
-_ENDLESS = 1 << 63  # no file is as large
 _MAX_SCAN_BYTES = 1 << 29  # twice the largest decoded picture
 _JPEG_MARKER = re.compile(rb"\xff[\x01-\xcf\xd8-\xfe]")  # none of fill, stuffed zeros or restarts
 # the heads of other files; of a JPEG in group 1, because one may be part of a picture's metadata
@@ -54,8 +52,6 @@ class Structure:
     pictures: int = 1
     orientation_at: int | None = None
     """Where a TIFF file says its orientation, in two bytes."""
-    coded_px: int | None = None
-    """Of an AVIF picture: pixels in its coded data, whatever its boxes claim."""
 
 
 def examine(file: IO[bytes]) -> Structure:
@@ -75,11 +71,7 @@ def examine(file: IO[bytes]) -> Structure:
         if start.startswith(b"GIF8"):
             return Structure(pictures=_gif_pictures(file))
         if start[4:8] == b"ftyp":
-            is_avif = start[8:12] in (b"avif", b"avis")
-            return Structure(
-                end=_checked_end(file, start, _boxes_end(file)),
-                coded_px=_avif_px(file) if is_avif else None,
-            )
+            return Structure(end=_checked_end(file, start, _boxes_end(file)))
         if start.startswith(b"RIFF") and start[8:12] == b"WEBP":
             length = int.from_bytes(start[4:8], "little")
             return Structure(end=_checked_end(file, start, 8 + length + length % 2))
@@ -257,113 +249,17 @@ def _gif_pictures(file: IO[bytes]) -> int:
     return max(1, pictures)
 
 
-def _boxes(file: IO[bytes], at: int, end: int) -> Iterator[tuple[bytes, int, int]]:
-    """(kind, begin, end) of the boxes between two places."""
-    for _ in range(MAX_PICTURES):
-        if at + 8 > end:
-            return
-        size, kind = _numbers(file, at, ">I4s")
-        head = 8
-        if size == 1:
-            head = 16
-            size = _numbers(file, at + 8, ">Q")[0]
-        size = size or end - at
-        if size < head:
-            return
-        yield kind, at + head, min(at + size, end)
-        at += size
-
-
 def _boxes_end(file: IO[bytes]) -> int:
     """The end that the last box states, before another file or none."""
-    size = file.seek(0, 2)
-    last = 0
-    with contextlib.suppress(_CutError):
-        for kind, _, end in _boxes(file, 0, _ENDLESS):
-            if kind not in _BOXES or (last and kind == b"ftyp"):
-                break
-            last = size if end == _ENDLESS else end
-    return last
-
-
-def _avif_px(file: IO[bytes]) -> int | None:
-    """The pixels of all coded items together, by their sequence headers; None if unknown."""
-    size = file.seek(0, 2)
-    for kind, begin, end in _boxes(file, 0, size):
-        if kind == b"meta":
-            for inner, first, last in _boxes(file, begin + 4, end):
-                if inner == b"iloc":
-                    items = _item_places(_read(file, first, last - first))
-                    heads = (_read(file, at, min(64, size - at)) for at in items if at < size)
-                    return sum(map(_sequence_px, heads)) or None
-    return None
-
-
-def _item_places(iloc: bytes) -> list[int]:
-    """Where each item of a box of item locations begins in the file."""
-    version = iloc[0]
-    at = 4
-
-    def number(count: int) -> int:
-        nonlocal at
-        at += count
-        if at > len(iloc):
-            raise _CutError
-        return int.from_bytes(iloc[at - count : at])
-
-    sizes = number(2)
-    offset_bytes, length_bytes, base_bytes, index_bytes = (sizes >> k & 15 for k in (12, 8, 4, 0))
-    places = []
-    count = number(2 if version < 2 else 4)
-    _limited(count, MAX_PICTURES, "items")
-    for _ in range(count):
-        number(2 if version < 2 else 4)
-        within = number(2) & 15 if version else 0
-        number(2)
-        base = number(base_bytes)
-        for extent in range(number(2)):
-            number(index_bytes if version else 0)
-            offset = base + number(offset_bytes)
-            number(length_bytes)
-            if extent == 0 and within == 0:
-                places.append(offset)
-    return places
-
-
-def _sequence_px(data: bytes) -> int:
-    """The pixels of a picture by the AV1 sequence header that it begins with; 0 if unknown."""
     at = 0
-    kind = -1
-    while at + 2 < len(data) and kind != 1:
-        kind = data[at] >> 3 & 15
-        at += 2 if data[at] & 4 else 1
-        length = 0
-        for shift in range(0, 28, 7):
-            byte = data[at] if at < len(data) else 0
-            length |= (byte & 127) << shift
-            at += 1
-            if byte < 128:
+    with contextlib.suppress(_CutError):
+        for _ in range(MAX_PICTURES):
+            length, kind = _numbers(file, at, ">I4s")
+            if kind not in _BOXES or (at and kind == b"ftyp"):
                 break
-        if kind not in (1, 2):
-            return 0
-        at += length if kind == 2 else 0
-    bits = iter("".join(f"{byte:08b}" for byte in data[at : at + 40]).ljust(320, "0"))
-
-    def number(count: int) -> int:
-        return int("".join(next(bits, "0") for _ in range(count)), 2)
-
-    number(4)  # profile, whether it is a still picture
-    if number(1):  # short header
-        number(5)
-    else:
-        if number(1):  # timing, which pictures do not have
-            return 0
-        delays = number(1)
-        for _ in range(number(5) + 1):
-            number(12)
-            if number(5) > 7:
-                number(1)
-            if delays and number(1):
-                number(4)
-    width_bits, height_bits = number(4) + 1, number(4) + 1
-    return (number(width_bits) + 1) * (number(height_bits) + 1)
+            if length == 0:  # to the end of the file
+                return file.seek(0, 2)
+            if length == 1:
+                length = _numbers(file, at + 8, ">Q")[0]
+            at += max(length, 8)
+    return at

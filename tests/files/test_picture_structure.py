@@ -162,33 +162,6 @@ def test_a_cut_picture_is_refused_whatever_follows_it(
             read_picture(path)
 
 
-@pytest.mark.parametrize("size", [(8192, 8192), (6000, 6000), (700, 500)])
-def test_an_avif_larger_than_its_coded_data_is_refused_undecoded(
-    tmp_path: Path, size: tuple[int, int], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    file = io.BytesIO()
-    Image.fromarray(NOISE).save(file, "AVIF")
-    claim = b"ispe\0\0\0\0" + struct.pack(">II", 64, 48)
-    assert claim in file.getvalue()
-    path = tmp_path / "x.avif"
-    path.write_bytes(file.getvalue())
-    read_picture(path)
-    path.write_bytes(file.getvalue().replace(claim, claim[:8] + struct.pack(">II", *size)))
-    monkeypatch.setattr(Image.Image, "convert", lambda *_: pytest.fail("it was decoded"))
-    with pytest.raises(UserError, match="holds a smaller picture"):
-        read_picture(path)
-
-
-@pytest.mark.parametrize("mode", ["RGB", "RGBA"])
-@pytest.mark.parametrize("count", [1, 3])
-def test_the_coded_size_of_every_avif_is_known(mode: str, count: int) -> None:
-    file = io.BytesIO()
-    more = [Image.new(mode, (321, 77), k) for k in range(count - 1)]
-    Image.new(mode, (321, 77), 99).save(file, "AVIF", save_all=count > 1, append_images=more)
-    px = examine(file).coded_px
-    assert px is not None and px >= 321 * 77
-
-
 def test_a_limit_that_a_decoder_reached_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
