@@ -48,6 +48,7 @@ class PeopleSet:
     text: str = ""  # words of the refusal, of the doubt or of a note
     scene: config.Scene = attrs.field(factory=config.Scene)
     cure: Cure | None = None  # of what is refused: the remedy carried out
+    again: bool = False  # one more of a kind: only the profile opens it
 
 
 def verdict(case: PeopleSet, path: Path) -> tuple[str, str]:
@@ -251,6 +252,11 @@ def without(*names: str) -> Cure:
     return lambda path: (made.without(path, *names), config.Scene())
 
 
+def more(*sets: PeopleSet) -> list[PeopleSet]:
+    """More sets of a kind."""
+    return [attrs.evolve(one, again=True) for one in sets]
+
+
 def anew(make: Make) -> Cure:
     """The scene written once more, or by another program."""
 
@@ -274,6 +280,12 @@ def too_many_files(folder: Path) -> Path:
     for number in range(MAX_FILES + 1):
         (folder / f"v_{number}.png").touch()
     return folder
+
+
+def far_apart(px: int) -> PeopleSet:
+    left, right = far_pair(px)
+    pair = files(x_left_png=left, x_right_png=right)
+    return opens(f"pair, {px} px apart", pair, "stereo 1x2", False, FAR)
 
 
 SMALL = made.views(5, 5, 60, 80)
@@ -311,32 +323,37 @@ FAR = "the views are too far apart"
 SETS: dict[str, list[PeopleSet]] = {
     "grids in one file": [
         opens("GIF of 5x5", gif(walk(GRID)), "gif 5x5"),
-        opens("GIF of 3x3", gif(walk(made.views(3, 3, 96, 128))), "gif 3x3"),
-        opens("GIF of 10x10", gif(walk(TEN)), "gif 10x10"),
+        *more(
+            opens("GIF of 3x3", gif(walk(made.views(3, 3, 96, 128))), "gif 3x3"),
+            opens("GIF of 10x10", gif(walk(TEN)), "gif 10x10"),
+        ),
         opens("GIF of 4x5, scene.grid", gif(walk(GRID[:4])), "gif 4x5", grid="4x5"),
         refuses("GIF of 25, scene.grid=4x6", gif(walk(GRID)), "25 views", grid="4x6"),
         opens("GIF of a line", gif(LINE12[0]), "gif 1x12"),
-        opens("MP4 of 5x5", film(walk(GRID)), "gif 5x5"),
         opens("MP4 of 3x3", film(walk(made.views(3, 3, 96, 128))), "gif 3x3"),
-        opens("MP4 of 10x10", film(walk(TEN)), "gif 10x10"),
+        *more(
+            opens("MP4 of 5x5", film(walk(GRID)), "gif 5x5"),
+            opens("MP4 of 10x10", film(walk(TEN)), "gif 10x10"),
+        ),
         opens("MP4 of 5x5, scene.grid", film(walk(GRID)), "gif 5x5", grid="5x5"),
-        opens("frames of 5x5", numbered(walk(GRID)), "numbered 5x5"),
-        opens("frames of 3x3", numbered(walk(made.views(3, 3, 96, 128))), "numbered 3x3"),
         opens("frames of 10x10", numbered(walk(TEN)), "numbered 10x10"),
+        *more(
+            opens("frames of 5x5", numbered(walk(GRID)), "numbered 5x5"),
+            opens("frames of 3x3", numbered(walk(made.views(3, 3, 96, 128))), "numbered 3x3"),
+        ),
         refuses("GIF of a circle", gif(circle(16)), CIRCLE),
-        refuses("MP4 of a circle", film(circle(16)), CIRCLE),
-        refuses("frames of a circle of 12", numbered(circle(12)), CIRCLE),
-        refuses("frames of a circle of 24", numbered(circle(24)), CIRCLE),
-        refuses("frames of a wide circle of 9", numbered(circle(9, 5.0)), CIRCLE),
         refuses("frames of a circle of 8", numbered(circle(8)), CIRCLE),
+        *more(
+            refuses("MP4 of a circle", film(circle(16)), CIRCLE),
+            refuses("frames of a circle of 12", numbered(circle(12)), CIRCLE),
+            refuses("frames of a circle of 24", numbered(circle(24)), CIRCLE),
+            refuses("frames of a wide circle of 9", numbered(circle(9, 5.0)), CIRCLE),
+        ),
         refuses("frames of an ellipse of 20", numbered(circle(20, 4.0, 1.8)), CIRCLE),
-        *(
-            refuses(
-                f"frames around a square of {side}, {radius}",
-                numbered(square(side, radius)),
-                CIRCLE,
-            )
-            for side, radius in ((4, 1.0), (2, 3.0), (6, 5.0))
+        refuses("frames around a square of 2, 3.0", numbered(square(2, 3.0)), CIRCLE),
+        *more(
+            refuses("frames around a square of 4, 1.0", numbered(square(4, 1.0)), CIRCLE),
+            refuses("frames around a square of 6, 5.0", numbered(square(6, 5.0)), CIRCLE),
         ),
         opens("frames of half a circle", numbered(circle(24, 3.0, 0.4)[:12]), "numbered 1x12"),
         opens(
@@ -352,7 +369,7 @@ SETS: dict[str, list[PeopleSet]] = {
     ],
     "folders as recorded": [
         opens("image and depth", recorded(), "rgbd 5x9", sure=False, text="frames of one camera"),
-        opens("rgb and depth", recorded(image="rgb", ends="png"), "rgbd 5x9", sure=False),
+        *more(opens("rgb and depth", recorded(image="rgb", ends="png"), "rgbd 5x9", sure=False)),
         opens(
             "rgb and depth, as views",
             together(
@@ -365,7 +382,7 @@ SETS: dict[str, list[PeopleSet]] = {
         opens("color and depth", recorded(image="color"), "rgbd 5x9", text="00001"),
         opens("times of TUM", tum, "rgbd 5x9"),
         opens("one folder down", below("scene01", recorded(image="color")), "rgbd 5x9"),
-        opens("images and depth", recorded(image="images"), "rgbd 5x9"),
+        *more(opens("images and depth", recorded(image="images"), "rgbd 5x9")),
         opens(
             "rgb_0000.png, depth_0000.png",
             recorded_together("rgb"),
@@ -379,7 +396,9 @@ SETS: dict[str, list[PeopleSet]] = {
             "rgbd 5x9",
             sure=True,
         ),
-        opens("color_0000.jpg, depth_0000.png", recorded_together("color", "jpg"), "rgbd 5x9"),
+        *more(
+            opens("color_0000.jpg, depth_0000.png", recorded_together("color", "jpg"), "rgbd 5x9")
+        ),
         opens(
             "rgb_0000.png, depth_0000.png, as views",
             together(
@@ -406,8 +425,10 @@ SETS: dict[str, list[PeopleSet]] = {
             "rgbd 5x9",
         ),
         opens("image_0, image_1", sequence("image_0", "image_1"), "stereo 1x2", text="000001"),
-        opens("image_02, image_03", sequence("image_02", "image_03"), "stereo 1x2"),
-        opens("cam0, cam1", sequence("cam0", "cam1"), "stereo 1x2"),
+        *more(
+            opens("image_02, image_03", sequence("image_02", "image_03"), "stereo 1x2"),
+            opens("cam0, cam1", sequence("cam0", "cam1"), "stereo 1x2"),
+        ),
         opens("cam0/data, cam1/data", sequence("cam0/data", "cam1/data"), "stereo 1x2"),
         opens(
             "a recording of a drone",
@@ -458,13 +479,17 @@ SETS: dict[str, list[PeopleSet]] = {
             "stereo 1x2",
             sure=True,
         ),
-        *(
-            opens(f"{kind}/", with_maps(kind), "numbered 1x12")
-            for kind in ("class", "seg", "gt", "label", "normal", "flow")
-        ),
-        *(
-            opens(f"{kind}_0000.png", maps_beside(kind), "numbered 1x12")
-            for kind in ("class", "seg", "gt", "label", "normal", "flow")
+        opens("class/", with_maps("class"), "numbered 1x12"),
+        opens("gt_0000.png", maps_beside("gt"), "numbered 1x12"),
+        *more(
+            *(
+                opens(f"{kind}/", with_maps(kind), "numbered 1x12")
+                for kind in ("seg", "gt", "label", "normal", "flow")
+            ),
+            *(
+                opens(f"{kind}_0000.png", maps_beside(kind), "numbered 1x12")
+                for kind in ("class", "seg", "label", "normal", "flow")
+            ),
         ),
         opens(
             "rgb.png, depth.png, mask.png",
@@ -531,20 +556,12 @@ SETS: dict[str, list[PeopleSet]] = {
         opens(
             "X.top-bottom.png", one("X.top-bottom.png", np.vstack(WIDE_PAIR)), "stereo 1x2", True
         ),
-        *(
-            opens(
-                f"pair, {px} px apart",
-                files(x_left_png=far_pair(px)[0], x_right_png=far_pair(px)[1]),
-                "stereo 1x2",
-                False,
-                FAR,
-            )
-            for px in (160, 240, 320)
-        ),
+        far_apart(240),
+        *more(far_apart(160), far_apart(320)),
     ],
     "refusals": [
         opens("a floor that recedes", numbered(floor(9)), "numbered 1x9"),
-        opens("a floor, 25", numbered(floor(25)), "numbered 1x25"),
+        *more(opens("a floor, 25", numbered(floor(25)), "numbered 1x25")),
         opens("a picture twice", with_copy(25, 7, False), "numbered 5x5", text="same picture"),
         opens(
             "a picture again at the end", with_copy(25, 7, True), "numbered 5x5", text="same pic"
@@ -579,7 +596,7 @@ SETS: dict[str, list[PeopleSet]] = {
             "read as 1x3",
         ),
         refuses("album of 9", numbered(ALBUM, "IMG_{:04d}.png"), DIFFERENT),
-        refuses("album of 5", numbered(ALBUM[:5], "DSC{:05d}.jpg"), DIFFERENT),
+        *more(refuses("album of 5", numbered(ALBUM[:5], "DSC{:05d}.jpg"), DIFFERENT)),
         refuses("album of 2", numbered(ALBUM[:2], "DSC{:05d}.jpg"), DIFFERENT),
     ],
     "remedies": [

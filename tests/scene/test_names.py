@@ -14,7 +14,7 @@ from PIL import Image
 from lfpipe import config
 from lfpipe.scene import layouts
 from lfpipe.scene.layouts._candidates import ranked
-from lfpipe.scene.layouts._names import _candidates, read_names
+from lfpipe.scene.layouts._names import MAPS, _candidates, read_names
 from lfpipe.scene.layouts._running import find_columns
 from lfpipe.scene.source import GridTransform
 from tests.scene import made
@@ -336,6 +336,13 @@ def test_real_names_say_what_they_say() -> None:
             others = [f"{c.score:.2f} {c.what}" for c in _candidates(tuple(names))]
             wrong.append(f"{kind}: {reading}, expected {expected}; {others}")
     assert not wrong, "\n".join(wrong)
+
+
+def test_names_of_maps_are_no_names_of_views() -> None:
+    maps = ("class", "seg", "gt", "label", "normal", "flow", "depth", "mask", "confidence_map")
+    assert all(MAPS.search(f"{name}_0000") for name in maps)
+    views = ("flower", "classic", "conference", "right", "view", "target")
+    assert not any(MAPS.search(f"{name}_0000") for name in views)
 
 
 def test_a_doubt_about_names_is_about_the_second_reading() -> None:

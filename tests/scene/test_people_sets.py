@@ -12,7 +12,12 @@ from lfpipe.config import options
 from lfpipe.scene.analysis import analyse_scene
 from tests.scene.people_sets import SETS, verdict
 
-CASES = {f"{group}: {case.kind}": case for group, cases in SETS.items() for case in cases}
+CASES = {
+    f"{group}: {case.kind}": case
+    for group, cases in SETS.items()
+    for case in cases
+    if not case.again
+}
 
 
 def typed(remedy: str, path: Path, scene: config.Scene) -> Iterator[tuple[Path, config.Scene]]:

@@ -23,9 +23,6 @@ from lfpipe.scene.layouts._candidates import Candidate, ranked
 from lfpipe.scene.layouts._grid import LOSSY, MIN_VIEW_PX, parse_grid
 from lfpipe.scene.layouts._running import Running, likeliest, reduced
 
-# Sizes and tiles (columns, rows) of displays whose tiles do not divide the picture: the remainder
-# is at the right and the bottom.
-UNEVEN = {(4096, 4096): (5, 9), (8192, 8192): (5, 9)}
 # Looking Glass: columns, rows, aspect
 QUILT_NAME = re.compile(r"_qs([1-9][0-9]?)x([1-9][0-9]?)(?:a[\d.]+)?", re.IGNORECASE)
 _SAME_PICTURE = 0.98  # correlation of two files of one picture
@@ -216,11 +213,6 @@ def find_tiles(picture: NDArray[Any], name: str = "") -> Tiling | None:
     if lined is not None:
         return lined
     height, width = picture.shape[:2]
-    if (width, height) in UNEVEN:
-        cols, rows = UNEVEN[width, height]
-        tiles = find_tiles(picture[: height - height % rows, : width - width % cols], name)
-        if tiles is not None and tiles.shape == (rows, cols):
-            return tiles
     order = ranked(f"the tiles of {width}x{height} px", list(_candidates(picture, name)))
     return order[0].value if order else None
 
@@ -394,12 +386,7 @@ def tiling(
                 "give the grid that was rendered with --set scene.grid=ROWSxCOLS",
             )
         # programs for light-field displays leave a remainder
-        tiles = Tiling.even(
-            picture,
-            rows,
-            cols,
-            resized=not (bool(named) or UNEVEN.get((width, height)) == (cols, rows)),
-        )
+        tiles = Tiling.even(picture, rows, cols, resized=named is None)
     if tiles is None or quilt or grid is not None or scene.layout == "mosaic":  # set by the user
         return tiles and attrs.evolve(tiles, quilt=quilt, doubt="")
     return _as_quilt(picture, tiles)
