@@ -6,7 +6,9 @@ import io
 import itertools
 import math
 import re
+import sys
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ import pytest
 from lfpipe.bench import runner
 from lfpipe.bench.benchmarks import BENCHMARKS, Benchmark, Choice
 from lfpipe.bench.charts import chart
+from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.page import verdict, write_report
 from lfpipe.bench.results import (
     Column,
@@ -47,6 +50,13 @@ FAKE = Benchmark(
 
 def quiet(*_: object) -> None:
     pass
+
+
+class FakeModule(ModuleType):
+    """The module of FAKE."""
+
+    def measure(self, _inputs: Inputs) -> list[Offer]:
+        return ["colour: the scene is grey"]
 
 
 def measured() -> tuple[Results, list[str]]:
@@ -252,14 +262,18 @@ def test_an_exact_zero_has_its_place_on_a_chart() -> None:
     assert chart(FAKE, Results("fake"), "time_ms", "error_px") == "", "no point"
 
 
-def test_nothing_that_lfpipe_did_not_write_is_replaced(tmp_path: Path) -> None:
+def test_nothing_that_lfpipe_did_not_write_is_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(BENCHMARKS, "fake", FAKE)
+    monkeypatch.setitem(sys.modules, "lfpipe.bench.fake", FakeModule("fake"))
     given = inputs(wall(2, 2), tmp_path)
     for name in runner.FILES:
         mine = tmp_path / name
         mine.write_text("my own notes")
         with pytest.raises(UserError, match=name):
-            runner.measure(["stability"], given, tmp_path, quiet)
+            runner.measure(["fake"], given, tmp_path, quiet)
         assert mine.read_text() == "my own notes"
         mine.unlink()
     for _ in range(2):  # its own files are replaced
-        write_report(runner.measure(["stability"], given, tmp_path, quiet), tmp_path)
+        write_report(runner.measure(["fake"], given, tmp_path, quiet), tmp_path)
