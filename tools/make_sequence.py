@@ -26,9 +26,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.bench.inputs import SIZE_PX, write_video
+from lfpipe.bench.inputs import write_video
 from lfpipe.bench.simulator.scripts import OUT_RIGHT, SEAT, Move, Place, path, swayed
-from lfpipe.capture.demo import PORTRAIT
+from lfpipe.capture.demo import FRAME_PX, PORTRAIT
 from lfpipe.errors import UserError
 from lfpipe.track.litert_engine import LitertEngine
 
@@ -99,9 +99,9 @@ class Puppet:
         move = (x, y) - self._middle * scale
         matrix = np.column_stack([np.eye(2) * scale, move])
         face = cv2.warpAffine(
-            self._picture, matrix, SIZE_PX, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
+            self._picture, matrix, FRAME_PX, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
         )
-        share = cv2.warpAffine(self._mask, matrix, SIZE_PX)[..., None]
+        share = cv2.warpAffine(self._mask, matrix, FRAME_PX)[..., None]
         return np.asarray(share * face + (1 - share) * BACKGROUND, np.float32)
 
 
@@ -160,10 +160,10 @@ def write(
         for ms in (np.arange(count) * 1000 / rate_hz).astype(int):
             x, y, eye_distance_px = PATH[ms].tolist()
             place = x, y, eye_distance_px
-            noise = rng.standard_normal((*SIZE_PX[::-1], 3), np.float32) * np.float32(noise_dn)
+            noise = rng.standard_normal((*FRAME_PX[::-1], 3), np.float32) * np.float32(noise_dn)
             image = np.clip(np.rint(puppet.draw(place) + noise), 0, 255).astype(np.uint8)
             eyes = puppet.eyes_px(place)
-            inside = bool(np.all(eyes >= 0) and np.all(eyes < SIZE_PX))
+            inside = bool(np.all(eyes >= 0) and np.all(eyes < FRAME_PX))
             yield image, eyes, inside, "move" if moves[ms] else "still"
 
     video = out.with_suffix(".avi")

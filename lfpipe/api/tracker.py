@@ -78,7 +78,7 @@ class Tracker:
     Parameters
     ----------
     settings : mapping, optional
-        Of `track` and `camera`, for example {"track.filter": "oneeuro"}.
+        Of `track` and `camera`, for example {"track.filter": "one-euro"}.
 
     Raises
     ------

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.capture.demo import DemoSource, demo_eyes_px
+from lfpipe.capture.demo import FRAME_PX, DemoSource, demo_eyes_px
 from lfpipe.capture.recordings import open_recording
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import replaced
@@ -32,7 +32,6 @@ from lfpipe.supervisor.process_table import SCORER
 Progress = Callable[[str, int, int], None]
 
 HEAD = ("source_seq", "t_ns", *COLUMNS, "visible", "phase")  # of a table of true eyes
-SIZE_PX = (640, 480)  # of the frames that a session requests from a camera
 # of the demo sequence; longer ones are cut to its length
 RATE_HZ = 30.0
 STILL_S = 2.0
@@ -151,14 +150,14 @@ def read_sequence(path: Path, most_frames: int) -> FrameSequence:
 def write_video(
     path: Path, rate_hz: float, frames: Iterable[tuple[Picture, NDArray[np.float64], bool, str]]
 ) -> None:
-    """Writes a video, every frame a JPEG, and its table of true eyes. frames: (BGR of SIZE_PX,
+    """Writes a video, every frame a JPEG, and its table of true eyes. frames: (BGR of FRAME_PX,
     eyes (2, 2) px, whether they are visible, phase). Raises UserError.
     """
     quality = [cv2.VIDEOWRITER_PROP_QUALITY, 95]
     codec = cv2.VideoWriter.fourcc(*"MJPG")
     with replaced(path) as video, replaced(path.with_suffix(".csv")) as file:
         writer = cv2.VideoWriter(
-            str(video.name), cv2.CAP_OPENCV_MJPEG, codec, rate_hz, SIZE_PX, quality
+            str(video.name), cv2.CAP_OPENCV_MJPEG, codec, rate_hz, FRAME_PX, quality
         )
         if not writer.isOpened():
             raise UserError(
@@ -184,18 +183,18 @@ def demo_sequence(folder: Path, moving_s: float) -> Path:
     if is_file(path) and is_file(path.with_suffix(".csv")):
         return path
     folder.mkdir(parents=True, exist_ok=True)
-    source = DemoSource(config.Camera(width_px=SIZE_PX[0], height_px=SIZE_PX[1], rate_hz=RATE_HZ))
+    source = DemoSource(config.Camera(width_px=FRAME_PX[0], height_px=FRAME_PX[1], rate_hz=RATE_HZ))
     still = round(STILL_S * RATE_HZ)
 
     def frames() -> Iterator[tuple[Picture, NDArray[np.float64], bool, str]]:
-        frame = np.empty((*SIZE_PX[::-1], 3), np.uint8)
-        noise = np.empty((*SIZE_PX[::-1], 3), np.int16)
+        frame = np.empty((*FRAME_PX[::-1], 3), np.uint8)
+        noise = np.empty((*FRAME_PX[::-1], 3), np.int16)
         cv2.setRNGSeed(1)
         for seq in range(still + round(moving_s * RATE_HZ)):
             if seq == 0 or seq > still:
                 source.read(frame)
             cv2.randn(noise, np.zeros(3), np.full(3, NOISE_DN))
-            eyes_px = demo_eyes_px(max(seq - still, 0) / RATE_HZ, *SIZE_PX)
+            eyes_px = demo_eyes_px(max(seq - still, 0) / RATE_HZ, *FRAME_PX)
             yield (
                 np.asarray(cv2.add(frame, noise, dtype=cv2.CV_8U), np.uint8),
                 eyes_px,

@@ -11,11 +11,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.bench.inputs import Inputs
+from lfpipe.bench.inputs import RATE_HZ, Inputs
 from lfpipe.bench.results import Value, mean_of
 from lfpipe.bench.runner import Offer, Prepared, Variant, cpu_ms
 from lfpipe.bench.synthesis import scaled_up
 from lfpipe.config import LiveSource
+from lfpipe.config.quality import SIZES
 from lfpipe.live.estimator import Estimator, Found
 from lfpipe.live.field import LiveViews
 from lfpipe.live.records import Pair, disparity_dtype, views_of
@@ -26,7 +27,6 @@ from lfpipe.scene.demo_drawing import draw_view
 from lfpipe.scene.demo_scenes import moving_solids
 from lfpipe.scene.disparity import estimate_disparity, quantised, scale_for
 
-RATE_HZ = 30.0
 FRAMES = (12, 60)  # quick and full
 SETTLED = 4  # frames after which an estimator has followed a still scene
 VIEWS = (-1.0, 1.0)  # columns of the two views, of the demo's grid
@@ -35,7 +35,6 @@ NOISE_LEVELS = 2.0  # of the camera, for flicker
 PAIR: list[Pair] = [((0, 0), (0, 1))]
 MOVED_VIEWS = 0.1  # of the eyes since a program drew their views: 30 cm/s for 50 ms
 PROGRAM_GRID, PROGRAM_EYES = "a program's views and disparity", "a program's views of both eyes"
-SIZES = (1.0, 0.7, 0.5)
 
 Frame = NDArray[np.uint8]
 Record = Callable[[Frame, int], NDArray[np.void]]  # disparity of a frame; its number

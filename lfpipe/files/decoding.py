@@ -19,7 +19,7 @@ from lfpipe.files.pictures import MAX_DECODING_BYTES, header_of
 _BOXES = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"pnot")
 # codecs as MP4 and QuickTime name them, in either end of a file, and as Matroska does
 _CODEC = re.compile(rb"stsd.{12}(\w{4})|(V_[A-Z0-9/]{3,20})", re.DOTALL)
-_ENDS_BYTES = 1 << 20
+ENDS_BYTES = 1 << 20  # of a file: they hold what declares its streams
 JPEG_START = b"\xff\xd8\xff"  # start of image, and of the first marker
 
 
@@ -52,9 +52,9 @@ def codec_name(capture: Any, file: IO[bytes]) -> str:
     if number > 0:
         return plain(number.to_bytes(4, "little").decode("latin-1").strip("\0 "))
     file.seek(0)
-    found = _CODEC.search(file.read(_ENDS_BYTES))
+    found = _CODEC.search(file.read(ENDS_BYTES))
     if found is None:
-        file.seek(max(0, file.seek(0, os.SEEK_END) - _ENDS_BYTES))
+        file.seek(max(0, file.seek(0, os.SEEK_END) - ENDS_BYTES))
         found = _CODEC.search(file.read())
     return "unknown" if found is None else (found[1] or found[2]).decode()
 

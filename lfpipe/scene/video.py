@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.files.decoding import codec_name, is_video
+from lfpipe.files.decoding import ENDS_BYTES, codec_name, is_video
 from lfpipe.files.safe_files import open_file
 from lfpipe.host.files import proc_fd_path
 from lfpipe.host.machine import install_command
@@ -29,7 +29,6 @@ _LOOKS = 9  # frames of a video that are compared to find one that shows somethi
 # what declares a video stream: in Matroska before its first cluster, in AVI, MP4 and QuickTime
 _MATROSKA, _CLUSTER = re.compile(rb"\x83\x81\x01"), b"\x1f\x43\xb6\x75"
 _DECLARED = re.compile(rb"strh.{4}vids|hdlr.{8}vide", re.DOTALL)
-_ENDS_BYTES = 1 << 20  # of a file: they hold what declares its streams
 _REMEDY = "play it with another program, or export it again"
 
 
@@ -172,8 +171,8 @@ def telling_frame(path: Path, stream: int = 0) -> tuple[int, NDArray[Any]]:
 def stream_count(path: Path) -> int:
     """The number of a file's video streams. Raises UserError."""
     with open_file(path) as file:
-        start = file.read(_ENDS_BYTES)
-        file.seek(max(0, path.stat().st_size - _ENDS_BYTES))
+        start = file.read(ENDS_BYTES)
+        file.seek(max(0, path.stat().st_size - ENDS_BYTES))
         if start.startswith(b"\x1aE"):
             return len(_MATROSKA.findall(start.partition(_CLUSTER)[0]))
         return len(_DECLARED.findall(start) or _DECLARED.findall(file.read()))

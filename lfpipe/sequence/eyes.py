@@ -15,13 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 from lfpipe.errors import UserError, quoted
 from lfpipe.eyes import EYES
 from lfpipe.files.safe_files import lines, reason
+from lfpipe.files.trace import MAX_NS
 from lfpipe.files.untrusted import finite, json_fields
 from lfpipe.sequence.packets import COPY, MAX_PACKETS
 
 TRUTH = "truth.csv"
 COLUMNS = ("left_x_px", "left_y_px", "right_x_px", "right_y_px")
 MAX_PX = 1e6  # limit of a coordinate, far outside every picture
-MAX_NS = 1 << 61  # 73 years; sums of two stay within 64 bits
 LINE_BYTES = 4096  # one of ours has some 200
 REMEDY = (
     f"write one row per frame with columns t_ns, {', '.join(COLUMNS)}, and optionally visible (0"

@@ -7,10 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import Track
-from lfpipe.eyes import Eyes, EyesRecord
+from lfpipe.eyes import MAX_STEP_NS, Eyes, EyesRecord
 from lfpipe.track.detector import SAME_OVERLAP, overlap
 from lfpipe.track.engine import Engine, Face
-from lfpipe.track.filters.base import MAX_STEP_NS
 from lfpipe.track.filters.table import make_filter
 from lfpipe.track.make_engine import make_engine
 

@@ -18,13 +18,12 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Config
 from lfpipe.config.camera_pose import CameraPose
-from lfpipe.eyes import MIN_EYE_DISTANCE_PX, extrapolated, low_pass_gain
+from lfpipe.eyes import MAX_STEP_NS, MIN_EYE_DISTANCE_PX, extrapolated, low_pass_gain
 
 Point = tuple[float, float, float]
 
 # time constant of the depth: the eye distance is noisier than the position
 DEPTH_S = 0.1
-LOST_NS = 500_000_000  # after such a gap the old depth is discarded
 
 # The points of `lfpipe.eyes.HEAD_POINTS` in the canonical model, cm: x to the face's left, y up, z
 # out of the face.
@@ -86,7 +85,7 @@ class HeadEstimator:
         generation = int(record["generation"])
         fresh = (
             not self._eye_distance_px
-            or not 0 <= step_ns < LOST_NS
+            or not 0 <= step_ns < MAX_STEP_NS
             or generation != self._generation
         )
         gain = 1.0 if fresh else low_pass_gain(step_ns / 1e9, DEPTH_S)

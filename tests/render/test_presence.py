@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
 
+from lfpipe.eyes import MAX_STEP_NS
 from lfpipe.render.synthesis.viewpoint import Place
 from lfpipe.render.viewer.presence import (
     ABSENT_S,
     AWAY_S,
     EASED_VIEWS,
-    GAP_S,
     HOLD_S,
     REST_S,
     REST_SPAN,
@@ -96,7 +96,7 @@ class Watched(RuleBasedStateMachine):
         )
         self.exchanged = False
 
-    @rule(seconds=st.floats(GAP_S + 0.1, 5.0))
+    @rule(seconds=st.floats(MAX_STEP_NS / 1e9 + 0.1, 5.0))
     def camera_stands_still(self, seconds: float) -> None:
         """No frames: whoever is seen afterwards, in a new track, counts as the same viewer."""
         before = self.subject.state

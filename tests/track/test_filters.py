@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lfpipe.config import FILTER_MODULES, Track
-from lfpipe.eyes import MAX_EYE_PX, low_pass_gain
+from lfpipe.eyes import MAX_EYE_PX, MAX_STEP_NS, low_pass_gain
 from lfpipe.track import filters
 from lfpipe.track.filters import learnt_motion, models, noise
-from lfpipe.track.filters.base import MAX_STEP_NS, MIN_STEP_NS, EyeFilter
+from lfpipe.track.filters.base import MIN_STEP_NS, EyeFilter
 from lfpipe.track.filters.half_distance import HalfDistance
 from lfpipe.track.filters.imm import ImmFilter
 from lfpipe.track.filters.kalman import Covariance

@@ -8,8 +8,9 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.bench.simulator.scripts import FRAME_PX, Script
+from lfpipe.bench.simulator.scripts import Script
 from lfpipe.capture.camera import SensorClock
+from lfpipe.capture.demo import FRAME_PX
 from lfpipe.track.detector import Box, Detection, overlap
 from lfpipe.track.engine import Engine, Face
 from lfpipe.track.litert_engine import LitertEngine

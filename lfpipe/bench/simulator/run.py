@@ -8,6 +8,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.bench.paper_loop import MEAN_OF
 from lfpipe.bench.simulator.camera import (
     IMAGE,
     T0_NS,
@@ -30,7 +31,6 @@ from lfpipe.track.eye_tracker import EyeTracker
 from lfpipe.transport.clock import MS_NS
 from lfpipe.transport.ring import Stamp
 
-MEAN_OF = 5  # frames, of the plain loop
 EYE_DISTANCES_PX = np.arange(5.0, 301.0)  # at which the right alpha is tabled
 Float = NDArray[np.float64]
 

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.simulator.tracks import read_track
+from lfpipe.capture.demo import FRAME_PX
 from lfpipe.render.viewer.presence import Rest
 
 Float = NDArray[np.float64]
-FRAME_PX = (640, 480)
 SEAT = (320.0, 240.0, 60.0)  # x and y of the midpoint of the eyes, and the eye distance
 SUREST = 20.0  # logit of the confidence in an unoccluded face
 Place = tuple[float, float, float]

@@ -26,6 +26,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.pictures import read_picture
 from lfpipe.files.safe_files import reason, write_file
 from lfpipe.scene.files import VIDEOS, library_errors, list_scene, natural
+from lfpipe.scene.layouts.rgbd import LOWER
 from lfpipe.scene.optical_flow import Grey, Mask, robust_fit
 from lfpipe.scene.orientation import orient
 from lfpipe.scene.source import Progress, SceneSource
@@ -51,7 +52,6 @@ _MAX_RESIDUAL_PX, _MIN_SHRINK, _MIN_VIEW_PX = 0.5, 0.4, 200
 _FOCAL_RANGE, _USUAL_FOCAL = (0.55, 2.0), 0.8
 # turning that is one: over its standard error, and over the parallax
 _CLEAR, _TURNED = 4.0, 0.1
-_LOWER = 0.35  # correlation of height with nearness that means something
 _ZOOMED = 0.05  # change of size: more is no hand
 
 
@@ -104,7 +104,7 @@ class Rectified:
         if turned:
             return bool(ends[:, 2].mean() < 0), bool((ends < 0).all() or (ends > 0).all())
         lower = float(np.corrcoef(by_corner, self.corners_y)[0, 1])
-        return (lower < 0 if abs(lower) > _LOWER else bool(ends[:, 2].mean() < 0)), False
+        return (lower < 0 if abs(lower) > LOWER else bool(ends[:, 2].mean() < 0)), False
 
 
 def _reader(path: Path) -> tuple[int, Callable[[int], NDArray[Any]]]:

@@ -14,9 +14,9 @@ import numpy as np
 
 from lfpipe.extras.share.output import LslOutput, Sample, UdpOutput
 from lfpipe.extras.share.target import Target, parse_target
-from lfpipe.eyes import EYES, SHOWN
+from lfpipe.eyes import EYES, MAX_STEP_NS, SHOWN
 from lfpipe.host.processes import yield_to_others
-from lfpipe.track.head import LOST_NS, HeadEstimator
+from lfpipe.track.head import HeadEstimator
 from lfpipe.transport.clock import Ticker, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Stamp
@@ -131,7 +131,7 @@ class Sharer:
             if channel.ticker is None or t_ns < channel.ticker.due_ns():
                 continue
             channel.ticker.advance(t_ns)
-            if self._stamp is not None and t_ns - self._stamp.t_sensor_ns < LOST_NS:
+            if self._stamp is not None and t_ns - self._stamp.t_sensor_ns < MAX_STEP_NS:
                 self._send(channel, self._stamp, t_ns)
 
     def send_pictures(self) -> None:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from lfpipe.config import converter
 from lfpipe.config.modes import MouseViewer
 from lfpipe.errors import UserError
-from lfpipe.monitor.monitor import photon_words
+from lfpipe.monitor.monitor import PERIOD_S, photon_words
 from lfpipe.monitor.session_reader import Follower, Sample
 from lfpipe.render.synthesis.zero_plane import zero_planes_px
 from lfpipe.supervisor.process_table import TRACKED_BY
@@ -31,7 +31,6 @@ from lfpipe.transport import control, ring
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.session import Session
 
-PERIOD_S = 0.25  # four times a second, as in the terminal
 COMMAND_S, LOAD_S = 2.0, 20.0  # timeouts of answers; packing a scene may take longer
 LEASE_S = 5.0  # of the ring of pictures: it is removed soon after the last viewer leaves
 PICTURES = {"camera": 320, "picture": 1024}  # px of the longer side on the page

@@ -19,11 +19,11 @@ easing of the view.
 
 "Rests": for REST_S and REST_FRAMES, the eyes stay within REST_SPAN of a point, and the eye distance
 within REST_DEPTH. "Settles": the same for SETTLED_S and SETTLED_FRAMES. "Another face took over": a
-face of another track follows within GAP_S of the last; a longer gap means that the camera paused. A
-face belongs to a seat if it has the last position and size of the seat's face (RETURN_SPAN,
-RETURN_DEPTH). The measurement is the mean, over the rest, of the eyes' position and of the eye
-distance, which gives the viewer's distance. Without a face, the view holds, then glides to neutral;
-when a face returns, it is eased back. It never jumps.
+face of another track follows within MAX_STEP_NS of the last; a longer gap means that the camera
+paused. A face belongs to a seat if it has the last position and size of the seat's face
+(RETURN_SPAN, RETURN_DEPTH). The measurement is the mean, over the rest, of the eyes' position and
+of the eye distance, which gives the viewer's distance. Without a face, the view holds, then glides
+to neutral; when a face returns, it is eased back. It never jumps.
 """
 
 import enum
@@ -31,6 +31,7 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
+from lfpipe.eyes import MAX_STEP_NS
 from lfpipe.render.synthesis.viewpoint import Place
 from lfpipe.transport.clock import SECOND_NS
 
@@ -39,7 +40,6 @@ REST_S, REST_FRAMES = 1.0, 8
 REST_SPAN = 0.3  # of the eye distance: 2 cm
 REST_DEPTH = 0.06  # of the eye distance
 ABSENT_S = 10.0  # a viewer who returns sooner keeps the measurement
-GAP_S = 0.5  # the memory of the filters
 # people who walk are not still for that long: until a rest, the neutral place may follow the eyes
 SETTLED_S, SETTLED_FRAMES = 0.2, 4
 RETURN_S = 30.0  # a passer-by is gone by then
@@ -148,7 +148,7 @@ class Presence:
         elif state is ViewerState.LOST:
             self.state = self._before
             self._found_ns = t_ns
-        elif other and gap_ns < GAP_S * SECOND_NS:
+        elif other and gap_ns < MAX_STEP_NS:
             seat = self._recent_seat(t_ns)
             self._leave(t_ns)
             if seat is not None and seat.last.contains(here, RETURN_SPAN, RETURN_DEPTH):

@@ -40,15 +40,15 @@ from lfpipe.render.viewer.presence import (
 from lfpipe.scene.lightfield import LightField
 from lfpipe.transport.clock import SECOND_NS
 
-# Time constants by which alpha follows the viewer's distance (measured as the eye distance): fast
-# for another distance, so that depth never stays beyond comfort; slow for measurement noise.
+# Time constants by which alpha, and the position in front of the screen, follow the viewer's
+# distance (measured as the eye distance): fast for another distance, so that depth never stays
+# beyond comfort; slow for measurement noise.
 DISTANCE_S = 0.1
 STILL_S = 1.0
 STILL = 0.02
 # Time constant of the neutral position before it is measured, while the eyes are still.
 SETTLE_S = 0.25
 KNOWN_S = 0.25  # after which the motion of a face that was just found is trusted
-POSE_S = 0.1  # time constant of the distance for the position in front of the screen
 MOVED = 0.01  # change of the distance after which the views between the eyes are chosen again
 
 # From a video's start to its first vblank, in refreshes. On 60, 75 and 144 Hz, frames of 24, 25 and
@@ -402,7 +402,7 @@ class Viewer:
         self._eye_distance_px += (eye_distance_px - self._eye_distance_px) * low_pass_gain(
             dt_s, STILL_S if still else DISTANCE_S
         )
-        self._near_px += (eye_distance_px - self._near_px) * low_pass_gain(dt_s, POSE_S)
+        self._near_px += (eye_distance_px - self._near_px) * low_pass_gain(dt_s, DISTANCE_S)
 
     def _follow_presence(
         self, generation: int, t_sensor_ns: int, solver: ViewSolver, eyes_px: Eyes | None

@@ -44,7 +44,7 @@ _MAX_PX = 700_000  # of the rendered views: 45 of them are packed in ten seconds
 _SAME_SHAPE = 1.2  # maximum ratio of the aspects of a picture and its depth map
 # levels between channels: the maximum for a depth map, the minimum for a picture
 _GREY, COLOURED = 2.0, 6.0
-_LOWER = 0.35  # significant correlation of height with nearness
+LOWER = 0.35  # significant correlation of height with nearness
 DISPARITY = 0.008  # per view, between the nearest and the farthest, as a share of the width
 _HOLE_PX = 7  # around holes, where the edge of the front surface may be
 _LEFT_OPEN = "press d in the window, or set scene.invert_depth=yes, if the depth looks inverted"
@@ -81,7 +81,7 @@ def read_depth(
     if stored.dtype == np.uint16 and (int(stored.min()) > 0 or int(stored.max()) < 65535):
         with np.errstate(divide="ignore"):
             near = np.where(stored > 0, 1 / values, np.float32(np.nan)).astype(np.float32)
-        against = _lower_is_nearer(near) < -_LOWER
+        against = _lower_is_nearer(near) < -LOWER
         doubt = "whether the depth map contains distances: lower parts would be farther"
         return (
             near,
@@ -89,11 +89,11 @@ def read_depth(
             f"{doubt}; {_LEFT_OPEN}" if against else "",
         )
     lower = _lower_is_nearer(values)
-    if lower < -_LOWER:
+    if lower < -LOWER:
         what = f"whether black is near in the depth map: lower parts are darker; {_LEFT_OPEN}"
         return -values, "black is near: lower parts of the depth map are darker", what
     doubt = f"whether white is near in the depth map; {_LEFT_OPEN}"
-    return values, "white is near", "" if lower > _LOWER else doubt
+    return values, "white is near", "" if lower > LOWER else doubt
 
 
 def _lower_is_nearer(nearness: NDArray[np.float32]) -> float:

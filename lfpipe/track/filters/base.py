@@ -10,13 +10,12 @@ from abc import ABC, abstractmethod
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.eyes import extrapolated, is_plausible_px
+from lfpipe.eyes import MAX_STEP_NS, extrapolated, is_plausible_px
 
 Points = NDArray[np.float64]
 Vector = tuple[float, float]
 
 MIN_STEP_NS = 200_000  # less means a duplicate frame; noise / dt would give a wild velocity
-MAX_STEP_NS = 500_000_000  # after a longer gap, the past is discarded
 
 
 class EyeFilter(ABC):
