@@ -12,13 +12,23 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.bench.glasses import BARE, GLASS, GREEN_MAGENTA, RED_CYAN, curve, lightness, seen_xyz
+from lfpipe.bench.glasses import GLASS, RED_CYAN, curve, lightness
 from lfpipe.bench.simulator.scene import SCENES, scene_of
-from lfpipe.render.synthesis.anaglyph import MATRICES, encode, recipe
+from lfpipe.render.synthesis.anaglyph import MATRICES, decoded, encode, recipe
 
 Float = NDArray[np.float64]
 # (left, right) BGR -> anaglyph BGR
 Encoder = Callable[[NDArray[np.uint8], NDArray[np.uint8]], NDArray[np.uint8]]
+# XYZ of a screen's red, green and blue at full intensity, without glasses
+BARE = np.array([(0.4433, 0.3141, 0.1930), (0.2406, 0.6450, 0.1144), (0.0, 0.1071, 0.9817)])
+GREEN_MAGENTA = ("green", "magenta")
+
+
+def seen_xyz(picture: NDArray[np.uint8], through: Float) -> Float:
+    """XYZ, float64 (..., 3), that reaches an eye from uint8 (..., 3) BGR through a matrix of GLASS,
+    or BARE.
+    """
+    return np.asarray(decoded(picture[..., ::-1].astype(np.float64) / 255) @ through.T)
 
 
 def lab(xyz: Float, white: Float) -> Float:

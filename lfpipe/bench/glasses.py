@@ -1,20 +1,16 @@
 """Simulated glasses: the light that reaches an eye from a screen.
 
-The matrices turn linear RGB of an ordinary LCD into the XYZ that reaches an eye, without and with
-each filter. They integrate spectra of display and filters (digitised in the public project
-angler.js, after Woods' measurements) over the CIE 1931 observer. The display's white is D65 with
-Y = 1.
+The matrices turn linear RGB of an ordinary LCD into the XYZ that reaches an eye through each
+filter. They integrate spectra of display and filters (digitised in the public project angler.js,
+after Woods' measurements) over the CIE 1931 observer. The display's white is D65 with Y = 1.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.render.synthesis.anaglyph import decoded
-
 Float = NDArray[np.float64]
 
-# XYZ of a screen's red, green and blue at full intensity: without glasses, and through each filter
-BARE = np.array([(0.4433, 0.3141, 0.1930), (0.2406, 0.6450, 0.1144), (0.0, 0.1071, 0.9817)])
+# XYZ of a screen's red, green and blue at full intensity, through each filter
 GLASS = {
     "red": np.array([(0.1909, 0.0259, 0.0001), (0.0922, 0.0135, 0.0001), (0.0, 0.0, 0.0)]),
     "cyan": np.array([(0.0010, 0.0778, 0.1070), (0.0009, 0.2381, 0.0658), (0.0, 0.0744, 0.5735)]),
@@ -24,14 +20,6 @@ GLASS = {
     ),
 }
 RED_CYAN = ("red", "cyan")
-GREEN_MAGENTA = ("green", "magenta")
-
-
-def seen_xyz(picture: NDArray[np.uint8], through: Float) -> Float:
-    """XYZ, float64 (..., 3), that reaches an eye from uint8 (..., 3) BGR through a matrix of GLASS,
-    or BARE.
-    """
-    return np.asarray(decoded(picture[..., ::-1].astype(np.float64) / 255) @ through.T)
 
 
 def curve(ratio: Float) -> Float:

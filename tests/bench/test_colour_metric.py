@@ -3,9 +3,18 @@
 import numpy as np
 import pytest
 
-from lfpipe.bench.glasses import BARE, GLASS, GREEN_MAGENTA, RED_CYAN, lightness, seen_xyz
+from lfpipe.bench.glasses import GLASS, RED_CYAN, lightness
 from lfpipe.render.synthesis.anaglyph import LEAKS, encode, recipe
-from profiling.anaglyph import Encoder, fused_error, ghost, lab, rivalry
+from profiling.anaglyph import (
+    BARE,
+    GREEN_MAGENTA,
+    Encoder,
+    fused_error,
+    ghost,
+    lab,
+    rivalry,
+    seen_xyz,
+)
 
 
 def encoder(name: str, light: str = "linear", ghost_compensation: float = 0.0) -> Encoder:

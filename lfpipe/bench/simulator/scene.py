@@ -93,12 +93,7 @@ def scaled(solid: Solid, share: float) -> Solid:
     """The solid for views of another size, with the same number of texels per px."""
     size = [max(round(length * share), 1) for length in solid.texture.shape[1::-1]]
     texture = np.asarray(cv2.resize(solid.texture, size, interpolation=cv2.INTER_AREA), np.uint8)
-    if isinstance(solid, Quad):
-        return Quad(texture, solid.corners * share)
-    x, y, d, radius, depth = (
-        share * length for length in (solid.x, solid.y, solid.d, solid.radius, solid.depth)
-    )
-    return Ball(texture=texture, x=x, y=y, d=d, radius=radius, depth=depth, gloss=solid.gloss)
+    return attrs.evolve(solid.scaled(share), texture=texture)
 
 
 def _upright(texture: NDArray[np.generic], box: Sequence[float], d: float) -> Quad:
