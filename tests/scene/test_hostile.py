@@ -36,11 +36,13 @@ from lfpipe.scene.layouts.named import hci_attributes
 from lfpipe.scene.packer import MEMORY_BYTES
 from lfpipe.scene.packing import pack_scene
 from tests.scene import made
+from tests.scene.test_pictures import PORTRAITS, mpo
 from tests.scene.writers import (
     HCI,
     HCI_TEXT,
     Make,
     film,
+    gif,
     grid,
     h5,
     jpeg_pleno,
@@ -106,6 +108,9 @@ SCENES: dict[str, Make] = {
         for end, codec in (("mkv", "FFV1"), ("avi", "MJPG"), ("mp4", "mp4v"))
     },
     "numbered": grid(GRID[:1], "v{n}.png"),
+    **{f"{kind}.jpg": one("a.jpg", data) for kind, data in PORTRAITS.items()},
+    "pair": one("a.mpo", mpo(GRID[0, 0], GRID[0, 1])),
+    "wiggle": gif(GRID[0]),
 }
 
 

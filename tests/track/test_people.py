@@ -194,7 +194,7 @@ def test_a_head_that_turns_stays_at_its_distance(person: str) -> None:
     assert seen[-1].eye_distance_px == pytest.approx(seen[4].eye_distance_px, rel=0.06)
 
 
-@pytest.mark.parametrize("turn", [90, 180, 270])
+@pytest.mark.parametrize("turn", [90, 180])
 def test_a_face_that_does_not_stand_upright_is_a_hint_and_no_viewer(turn: int) -> None:
     engine = LitertEngine()
     picture = placed(backdrop(), VIEWER, 300, 220, 60, -turn)
