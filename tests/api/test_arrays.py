@@ -1,7 +1,6 @@
 """Light fields as arrays: the same pictures as from files, and mistakes with their remedy."""
 
 import math
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -135,25 +134,3 @@ def test_require_views_takes_or_refuses_any_array(shape: tuple[int, ...], kind: 
         assert require_views(views, "x").ndim == 6 and good
     except lfpipe.UserError as error:
         assert error.remedy and not good
-
-
-def test_open_scene_refuses_damaged_files(cache: dict[str, Any], tmp_path: Path) -> None:
-    np.save(tmp_path / "whole.npy", VIEWS)
-    whole = (tmp_path / "whole.npy").read_bytes()
-    np.save(tmp_path / "objects.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
-    np.savez(tmp_path / "other.npz", a=np.zeros(3), b=np.zeros(3))
-    nan = np.full((1, 2, 8, 8, 3), np.nan, np.float32)
-    np.save(tmp_path / "nan.npy", nan)
-    with zipfile.ZipFile(tmp_path / "no_array.npz", "w") as archive:
-        archive.writestr("views.npy", "not an array")
-    for name, data in (
-        ("short.npy", whole[:500]),
-        ("cut.npy", whole[:50]),
-        ("text.npz", b"PK\3\4 nothing"),
-        ("empty.npy", b""),
-    ):
-        (tmp_path / name).write_bytes(data)
-    damaged = "short.npy cut.npy text.npz empty.npy objects.npy other.npz nan.npy no_array.npz"
-    for name in damaged.split():
-        error = refusal(lfpipe.open_scene, tmp_path / name, cache)
-    assert "axes of sizes" in error.message

@@ -6,8 +6,6 @@ from pathlib import Path
 import attrs
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from lfpipe.bench import paper_loop, pipeline, stability, synthesis, tracker
 from lfpipe.bench.inputs import FrameSequence, demo_sequence, read_sequence
@@ -178,15 +176,3 @@ def test_a_sequence_is_read_frame_by_frame_and_a_recorded_one_will_do(tmp_path: 
     whole = read_sequence(demo_sequence(tmp_path, 0.1), 40)
     frames = list(whole.frames())
     assert whole.count == len(frames) == 40 and frames[3].any() and (frames[3] != frames[4]).any()
-
-
-@given(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=12), st.integers(0, 2**32))
-def test_truth_between_its_rows_is_between_them(heights: list[float], seed: int) -> None:
-    t_ns = np.cumsum(np.random.default_rng(seed).integers(1_000_000, 80_000_000, len(heights)))
-    eyes = np.repeat(np.array(heights)[:, None], 4, axis=1).reshape(-1, 2, 2)
-    truth = Truth(t_ns, eyes, np.ones(len(heights), bool))
-    assert np.array_equal(truth.at(t_ns), eyes)
-    middle = truth.at((t_ns[0] + t_ns[1]) / 2)
-    assert np.allclose(middle, (eyes[0] + eyes[1]) / 2)
-    outside = truth.at([t_ns[0] - 1e9, t_ns[-1] + 1e9])
-    assert np.array_equal(outside, eyes[[0, -1]])

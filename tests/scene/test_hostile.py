@@ -5,6 +5,7 @@ Many of them go through one process, which has the packer's limits.
 """
 
 import contextlib
+import io
 import json
 import os
 import random
@@ -13,6 +14,7 @@ import shutil
 import struct
 import sys
 import zlib
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -165,6 +167,23 @@ def array_of(*shape: int) -> Make:
     )
 
 
+def saved(save: Callable[..., None], *values: Any, **more: Any) -> bytes:
+    file = io.BytesIO()
+    save(file, *values, **more)
+    return file.getvalue()
+
+
+ARRAY = saved(np.save, GRID)
+ARRAYS = {  # and what is said of them
+    "short.npy": (ARRAY[:500], r"short\.npy"),
+    "cut.npy": (ARRAY[:50], r"cut\.npy"),
+    "empty.npy": (b"", r"empty\.npy"),
+    "objects.npy": (saved(np.save, np.array([{"a": 1}], object)), r"objects\.npy"),
+    "nan.npy": (saved(np.save, np.full((1, 2, 64, 64), np.nan, np.float32)), "contains NaN"),
+    "text.npz": (b"PK\3\4 nothing", r"text\.npz"),
+    "other.npz": (saved(np.savez, a=np.zeros(3), b=np.zeros(3)), "no array 'views'"),
+    "small.npz": (saved(np.savez, views=np.zeros(3)), "axes of sizes"),
+}
 SMALL_JPEG = cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))[1].tobytes()
 FRAME_HEADER = b"\xff\xc0\x00\x11\x08"
 HUGE = 2 << 40
@@ -188,6 +207,7 @@ ATTACKS: dict[str, tuple[Make, str]] = {
         f"2 TB, {name}": (beside(together(), name, HUGE), name)
         for name in ("lf.h5", "a.mat", "film.mkv")
     },
+    **{name: (one(name, data), said) for name, (data, said) in ARRAYS.items()},
     "JPEG": (one("a.jpg", jpeg_claiming(SMALL_JPEG, 20_000, 20_000)), "20000x20000"),
     "PNG, whole": (one("a.png", png_of(16_384, 16_384)), "16384x16384"),
     "HDF5, large views": (array_of(9, 9, 40_000, 40_000, 3), "views have 40000x40000"),

@@ -176,6 +176,7 @@ def test_truth_lies_on_the_line_between_frames_where_the_eyes_are_visible(
         at, ends[0] + t_ns / 1e9 * (ends[1] - ends[0]), atol=1e-9
     )
     assert truth.error_px(np.add(at, [3.0, 4.0]), t_ns) == pytest.approx(5.0)
+    assert np.array_equal(truth.at([-1, 2_000_000_000]), ends[[0, -1]])
     hidden_ns = [-1, 1_000_000_005, 1_000_000_010, 1_000_000_011]
     assert (
         not truth.sees(hidden_ns).any()
