@@ -155,9 +155,18 @@ PAINTED = made.texture(192, 256, 4)
 STEEP = np.array([[PAINTED[4 * k : 96 + 4 * k, 4 * k : 128 + 4 * k] for k in range(7)]])
 NOISE = np.array([[made.texture(96, 128, 10 * r + c) for c in range(3)] for r in range(3)])
 GRID = made.views(5, 5)
+SMALL_STEPS = made.views(1, 31, 144, 192, 0.2, -0.1)[..., 1]
+# of a sensor: as large as the motion over several steps
+NOISY = np.random.default_rng(1).normal(SMALL_STEPS, 3).clip(0, 255).astype(np.uint8)
 # views, settings, what is found of their order, and words of the reason or of the doubt
 ORDERS: dict[str, tuple[SceneSource, dict[str, Any], dict[str, Any], str]] = {
     "motion of 0.4 px": (source(made.views(5, 5, 96, 128, 0.4, -0.4)), {}, {"by": "flow"}, ""),
+    "small steps below the noise": (
+        source(NOISY),
+        {},
+        {"by": "flow", "turn": GridTransform(), "depth_order_sure": True},
+        "",
+    ),
     "no motion": (source(made.views(5, 5, 96, 128, 0.0, 0.0)), {}, {"by": "nothing"}, "scene.flip"),
     "views that move across their line": (
         source(STEEP),
