@@ -221,6 +221,16 @@ def test_columns_of_a_running_number(rows: int, cols: int, near_px: float, order
     )
 
 
+@pytest.mark.parametrize("seed", [3, 4, 18])
+def test_a_grid_that_noise_and_light_hide_is_doubted(seed: int) -> None:
+    grid = made.views(5, 3, 48, 64, 1.0, -0.5)[..., 1]
+    rng = np.random.default_rng(seed)
+    hidden = grid * rng.normal(1, 0.1, (5, 3, 1, 1)) + rng.normal(0, 20, grid.shape)
+    line = hidden.clip(0, 255).astype(np.uint8).reshape(15, 48, 64)
+    run = find_columns(line.__getitem__, [True] * 15)
+    assert run is not None and run.doubt
+
+
 def test_twenty_thousand_unrelated_names_are_read_at_once() -> None:
     rng = np.random.default_rng(0)
     words = [
