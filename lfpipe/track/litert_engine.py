@@ -156,7 +156,7 @@ class LitertEngine:
         others = [one for one in candidates if overlap(followed.box_px, one.box_px) <= SAME_OVERLAP]
         measured = [self._acquire(image, one, NEW_CONFIDENCE) for one in others[:MAX_CANDIDATES]]
         regions = {id(one[0]): one for one in measured if one is not None}
-        alive = self._liveness.others_alive([one for one, _ in regions.values()], followed)
+        alive = self._liveness.others_alive([one for one, _ in regions.values()])
         size_px = image.shape[1], image.shape[0]
         best = max(alive, key=lambda face: prominence(face.box_px, *size_px), default=None)
         return None if best is None else regions[id(best)]

@@ -16,8 +16,7 @@ SMOOTHING_PICTURES = 8  # pictures; twice as many after a face was found do not 
 PORTRAIT_PICTURES, STILL_PICTURES = 60, 300
 PORTRAIT_OVERLAP = 0.7  # overlap of a portrait's boxes in two pictures: it does not move
 # Motion between scans of a face that is not followed: each scan measures it anew, with more noise.
-# A face much smaller than the portrait is that of a passer-by.
-MIN_SCAN_MOTION, MIN_RELATIVE_SIZE = 0.03, 0.65
+MIN_SCAN_MOTION = 0.03
 
 Middle = tuple[float, float]
 
@@ -74,10 +73,8 @@ class Liveness:
     def is_portrait(self, candidate: Detection) -> bool:
         return any(overlap(box, candidate.box_px) > PORTRAIT_OVERLAP for box in self._portraits)
 
-    def others_alive(self, others: list[Face], followed: Face) -> list[Face]:
-        """The other faces of a scan that have moved since they were first seen here and are large
-        enough to take over from a portrait.
-        """
+    def others_alive(self, others: list[Face]) -> list[Face]:
+        """The other faces of a scan that have moved since they were first seen here."""
         before = self._others
         self._others = []
         alive = []
@@ -87,8 +84,7 @@ class Liveness:
                 (at for box, at in before if overlap(box, face.box_px) > SAME_OVERLAP), here
             )
             self._others.append((face.box_px, first))
-            large = face.eye_distance_px >= MIN_RELATIVE_SIZE * followed.eye_distance_px
-            if large and math.dist(first, here) > MIN_SCAN_MOTION * face.eye_distance_px:
+            if math.dist(first, here) > MIN_SCAN_MOTION * face.eye_distance_px:
                 alive.append(face)
         return alive
 

@@ -157,6 +157,14 @@ def test_presence_seats_a_returning_viewer_at_once(back: Rest, away_s: float, kn
     assert (subject.state is SE and rest is not None and rest.x_px == HOME.x_px) == known
 
 
+def test_presence_measures_no_viewer_who_comes_nearer() -> None:
+    subject = Presence()
+    coming = [HOME._replace(eye_distance_px=60 * 1.01**frame) for frame in range(60)]
+    assert not any(subject.update(k * FRAME_NS, here) for k, here in enumerate(coming))
+    staying = [subject.update((60 + k) * FRAME_NS, coming[-1]) for k in range(40)]
+    assert any(staying)
+
+
 def test_presence_follows_a_rest_beyond_the_grid_and_back() -> None:
     subject, _ = watched((HOME, 2.0, 0), (None, 1.0, 0))
     t_ns = round(3.2e9)

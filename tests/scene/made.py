@@ -34,6 +34,11 @@ def texture(height: int, width: int, seed: int) -> NDArray[np.uint8]:
 _painted = lru_cache(maxsize=16)(texture)
 
 
+@lru_cache(maxsize=16)
+def _places(height: int, width: int) -> NDArray[np.float32]:
+    return np.mgrid[:height, :width].astype(np.float32)
+
+
 def view(
     x: float,
     y: float,
@@ -45,7 +50,7 @@ def view(
     """What a camera (x, y) steps from the middle sees, uint8 (height, width, 3): a far wall, a
     middle and a near shape.
     """
-    yy, xx = np.mgrid[:height, :width].astype(np.float32)
+    yy, xx = _places(height, width)
     out = np.empty((height, width, 3), np.uint8)
     for seed, d, disc in (
         (1, far_px, None),
@@ -56,12 +61,13 @@ def view(
         # step of the layer.
         at_x, at_y = xx + np.float32(d * x), yy + np.float32(d * y)
         painted = _painted(height * 2, width * 2, seed)
+        if disc is None:
+            cv2.remap(painted, at_x + width / 2, at_y + height / 2, cv2.INTER_LINEAR, dst=out)
+            continue
         seen = cv2.remap(painted, at_x + width / 2, at_y + height / 2, cv2.INTER_LINEAR)
-        inside = np.ones((height, width), bool)
-        if disc is not None:
-            away = np.hypot(at_x - disc[0] * width, at_y - disc[1] * height)
-            inside = away < disc[2] * min(height, width) * 1.3
-        out[inside] = seen[inside]
+        away = cv2.magnitude(at_x - disc[0] * width, at_y - disc[1] * height)
+        inside = away < disc[2] * min(height, width) * 1.3
+        cv2.copyTo(seen, inside.view(np.uint8), out)
     return out
 
 

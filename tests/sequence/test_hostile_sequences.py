@@ -188,26 +188,30 @@ def large_frames(folder: Path) -> None:
     hostile_sequences.sign(folder)
 
 
-# name -> (what the refusal names, damage)
-DAMAGES: dict[str, tuple[str, Callable[[Path], object]]] = {
-    **{name: ("frame 3: ", partial(replace_packet, *bomb)) for name, bomb in bombs().items()},
-    "manifest of brackets": (MANIFEST, partial(endless, MANIFEST, b"[" * 9999)),
-    "index without lines": (INDEX, partial(endless, INDEX, b"x")),
-    "index of many frames": (INDEX, many_frames),
-    "eyes of brackets": (INDEX, partial(eyes_only, b"[" + b"[]," * 3_000_000 + b"[]]")),
-    "few eyes of brackets": ("frame 0", partial(eyes_only, b"[" + b"[]," * 1300 + b"[]]")),
-    "large frames, all damaged": ("frame 0", large_frames),
-    "truth without lines": (TRUTH, partial(endless, TRUTH, b"t_ns,")),
-    "truth of many rows": (TRUTH, partial(long_file, TRUTH, b"", b"%d,%d,0,0,0,0,1\n", 300_000)),
-    "packets cut off": (PACKETS, lambda folder: os.truncate(folder / PACKETS, 20_000)),
-    **{
-        f"{kind} as {name}": (
-            name,
-            at(name, NO_FILES[kind]),
-        )
-        for kind, name in zip(NO_FILES, 3 * (MANIFEST, INDEX, PACKETS, TRUTH), strict=False)
-    },
-}
+def damages() -> dict[str, tuple[str, Callable[[Path], object]]]:
+    """By name, what the refusal names, and the damage."""
+    return {
+        **{name: ("frame 3: ", partial(replace_packet, *bomb)) for name, bomb in bombs().items()},
+        "manifest of brackets": (MANIFEST, partial(endless, MANIFEST, b"[" * 9999)),
+        "index without lines": (INDEX, partial(endless, INDEX, b"x")),
+        "index of many frames": (INDEX, many_frames),
+        "eyes of brackets": (INDEX, partial(eyes_only, b"[" + b"[]," * 3_000_000 + b"[]]")),
+        "few eyes of brackets": ("frame 0", partial(eyes_only, b"[" + b"[]," * 1300 + b"[]]")),
+        "large frames, all damaged": ("frame 0", large_frames),
+        "truth without lines": (TRUTH, partial(endless, TRUTH, b"t_ns,")),
+        "truth of many rows": (
+            TRUTH,
+            partial(long_file, TRUTH, b"", b"%d,%d,0,0,0,0,1\n", 300_000),
+        ),
+        "packets cut off": (PACKETS, lambda folder: os.truncate(folder / PACKETS, 20_000)),
+        **{
+            f"{kind} as {name}": (
+                name,
+                at(name, NO_FILES[kind]),
+            )
+            for kind, name in zip(NO_FILES, 3 * (MANIFEST, INDEX, PACKETS, TRUTH), strict=False)
+        },
+    }
 
 
 def lfpipe(home: Path, *args: str | Path) -> tuple[int, str, str, float]:
@@ -228,9 +232,10 @@ def test_every_refusal_is_quick_and_small_and_names_file_or_frame(
     """All at once: one bad sequence of several hides no other, and the largest memory is that of
     all refusals.
     """
-    for number, (_, damage) in enumerate(DAMAGES.values()):
+    damaged = damages()
+    for number, (_, damage) in enumerate(damaged.values()):
         damage(shutil.copytree(whole, tmp_path / f"d{number}"))
-    folders = [tmp_path / f"d{number}" for number in range(len(DAMAGES))]
+    folders = [tmp_path / f"d{number}" for number in range(len(damaged))]
     code, out, err, peak_mb = lfpipe(
         tmp_path, "sequence", "check", whole, *folders, tmp_path / "gone"
     )
@@ -241,7 +246,7 @@ def test_every_refusal_is_quick_and_small_and_names_file_or_frame(
         and f"{whole}: 6 frames" in out
         and "Traceback" not in err
     ), err
-    for folder, (name, (word, _)), said in zip(folders, DAMAGES.items(), refusals, strict=False):
+    for folder, (name, (word, _)), said in zip(folders, damaged.items(), refusals, strict=False):
         assert str(folder) in said and (word in said or "frame" in said) and len(said) <= 2000, (
             name,
             said,

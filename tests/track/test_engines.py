@@ -21,6 +21,7 @@ from lfpipe.track.detector import (
 )
 from lfpipe.track.engine import Engine, Face
 from lfpipe.track.litert_engine import LitertEngine
+from lfpipe.track.liveness import PORTRAIT_PICTURES, STILL_PICTURES, Liveness
 from lfpipe.track.make_engine import make_engine
 from lfpipe.track.mediapipe_engine import MediapipeEngine
 from lfpipe.track.network import Roi, mapped, portable_warp, warp
@@ -222,3 +223,23 @@ def test_the_portable_warp_differs_by_a_rounding_only(roi: Roi) -> None:
         for way in (warp, portable_warp)
     )
     assert np.abs(exact - rounded).max() <= 1 and rounded.std() > 5
+
+
+@pytest.mark.parametrize(
+    ("carried", "pictures"), [(False, PORTRAIT_PICTURES), (True, STILL_PICTURES)]
+)
+def test_a_portrait_that_was_carried_in_counts_as_one_later(carried: bool, pictures: int) -> None:
+    """A viewer who has moved may sit still."""
+    liveness = Liveness()
+
+    def follow(x: float) -> bool:
+        eyes_px = np.array([[x + 30, 200.0], [x - 30, 200.0]])
+        liveness.follow(
+            Face(eyes_px, 1.0, box_px=(x - 60, 140.0, x + 60, 260.0), eye_distance_px=60)
+        )
+        return liveness.still
+
+    for frame in range(40):
+        follow(200.0 + 5 * frame * carried)
+    rests = [follow(395.0 if carried else 200.0) for _ in range(2 * pictures)]
+    assert rests.index(True) == pytest.approx(pictures, abs=60)
