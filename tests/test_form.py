@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from tests.mutation_check import FAULTS
 from tests.support import extras
 from tests.support.source import nodes, package_of
 from tools.count_statements import by_package, excesses, limits, statements
@@ -130,3 +131,8 @@ def test_statements_are_counted_without_docstrings(tmp_path: Path) -> None:
 def test_no_package_is_larger_than_the_table_says() -> None:
     assert not excesses(), "delete as much elsewhere, or run `tools.count_statements --write`"
     assert not extras.PRESENT or limits().keys() == by_package().keys()
+
+
+def test_every_fault_of_the_mutation_check_fits_the_program() -> None:
+    for fault in FAULTS:
+        fault.text()
