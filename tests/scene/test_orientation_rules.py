@@ -155,8 +155,8 @@ PAINTED = made.texture(192, 256, 4)
 STEEP = np.array([[PAINTED[4 * k : 96 + 4 * k, 4 * k : 128 + 4 * k] for k in range(7)]])
 NOISE = np.array([[made.texture(96, 128, 10 * r + c) for c in range(3)] for r in range(3)])
 GRID = made.views(5, 5)
-SMALL_STEPS = made.views(1, 31, 144, 192, 0.2, -0.1)[..., 1]
-# of a sensor: as large as the motion over several steps
+SMALL_STEPS = made.views(1, 31, 144, 192, 0.4, -0.2)[..., 1]
+# of a sensor: motion between neighbours is lost in it
 NOISY = np.random.default_rng(1).normal(SMALL_STEPS, 3).clip(0, 255).astype(np.uint8)
 # views, settings, what is found of their order, and words of the reason or of the doubt
 ORDERS: dict[str, tuple[SceneSource, dict[str, Any], dict[str, Any], str]] = {
