@@ -17,9 +17,8 @@ import os
 import numpy as np
 
 from lfpipe.bench.inputs import MOVING_S, demo_sequence
-from lfpipe.bench.paper_loop import Loop
+from lfpipe.bench.paper_loop import PAPER_ALPHA_PX, Loop
 from lfpipe.bench.pipeline import (
-    PAPER_ALPHA_PX,
     SessionRun,
     run_loop,
     run_session,

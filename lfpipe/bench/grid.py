@@ -12,6 +12,7 @@ import attrs
 import numpy as np
 
 from lfpipe.bench.inputs import Inputs
+from lfpipe.bench.paper_loop import PAPER_ALPHA_PX
 from lfpipe.bench.results import Metrics, Value
 from lfpipe.bench.runner import Offer, Prepared, Variant
 from lfpipe.bench.simulator.camera import IMAGE
@@ -28,7 +29,6 @@ from lfpipe.scene.source import Geometry
 
 DISTANCES_MM = (400.0, 600.0, 800.0)
 ALPHAS_PX = (4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0)  # from dense to sparse
-PAPER_PX = 12.0  # alpha of `--config paper`
 AUTOMATIC = 0.0  # render.alpha_px = "auto"
 CAPTURE = Geometry(baseline_mm=20.0, focus_distance_mm=1000.0)  # assumed for the simulated scene
 PLACES = 25  # start positions of a move of 1 cm, over the grid
@@ -128,7 +128,7 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
                 parameter=f"alpha {spacing.parallax.alpha_px:.3g} px"
                 + (" (auto)" if alpha_px == AUTOMATIC else ""),
                 prepare=partial(_prepare, spacing, count),
-                paper=alpha_px == PAPER_PX,
+                paper=alpha_px == PAPER_ALPHA_PX,
                 used=alpha_px == AUTOMATIC,
             )
 

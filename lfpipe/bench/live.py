@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.bench.inputs import RATE_HZ, Inputs
+from lfpipe.bench.inputs import NOISE_DN, RATE_HZ, Inputs
 from lfpipe.bench.results import Value, mean_of
 from lfpipe.bench.runner import Offer, Prepared, Variant, cpu_ms
 from lfpipe.bench.synthesis import scaled_up
@@ -31,7 +31,6 @@ FRAMES = (12, 60)  # quick and full
 SETTLED = 4  # frames after which an estimator has followed a still scene
 VIEWS = (-1.0, 1.0)  # columns of the two views, of the demo's grid
 EYES = (0.3, 0.75)  # columns of the eyes, from the left view to the right one
-NOISE_LEVELS = 2.0  # of the camera, for flicker
 PAIR: list[Pair] = [((0, 0), (0, 1))]
 MOVED_VIEWS = 0.1  # of the eyes since a program drew their views: 30 cm/s for 50 ms
 PROGRAM_GRID, PROGRAM_EYES = "a program's views and disparity", "a program's views of both eyes"
@@ -216,7 +215,7 @@ def _flicker(name: str, method: str, width: int) -> float:
     drawn: list[NDArray[np.float32]] = []
     taken: list[NDArray[np.float32]] = []
     for number in range(SETTLED + 8):
-        noise = rng.normal(0, NOISE_LEVELS, still.shape)
+        noise = rng.normal(0, NOISE_DN, still.shape)
         frame = np.clip(still + noise, 0, 255).astype(np.uint8)
         pictures = drawing.draw(frame, number)
         if number >= SETTLED:

@@ -27,6 +27,7 @@ from lfpipe.track.landmarks import LEFT_EYE, RIGHT_EYE
 WARM_UP = 10  # frames that do not count
 PRELOADED = 600  # frames in memory
 MEAN_OF = 5  # frames, of the moving average
+PAPER_ALPHA_PX = 12.0  # px of the camera per view: chosen by hand, as in the paper
 SIDES = ("left", "right")
 
 

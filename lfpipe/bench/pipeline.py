@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from lfpipe.api.session import Session
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.paper_loop import SIDES, Loop
+from lfpipe.bench.paper_loop import PAPER_ALPHA_PX, SIDES, Loop
 from lfpipe.bench.results import Metrics, rms
 from lfpipe.bench.runner import Offer, Prepared, Variant
 from lfpipe.bench.simulator.run import viewpoints
@@ -35,7 +35,6 @@ from lfpipe.sequence.eyes import Truth
 from lfpipe.sequence.folder import is_sequence
 from lfpipe.track.models import has_face_mesh
 
-PAPER_ALPHA_PX = 12.0  # px of the camera per view: chosen by hand, as in the paper
 STEADY_S = 1.0  # after the first picture every stage has started and found the face
 MIN_S, MAX_S = 1.0, 16.0  # of a measured session: enough for a median; the whole demo sequence
 # of an aligned trace

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.results import State, Table, judged_error, judged_table
 from lfpipe.bench.runner import Offer
+from lfpipe.bench.simulator.tracks import EYE_DISTANCE_PX
 from lfpipe.bench.synthesis import view_at
 from lfpipe.config import FILTER_MODULES, Render, Track
 from lfpipe.config.quality import METHODS, WARPS
@@ -22,16 +23,13 @@ from lfpipe.scene.lightfield import UNKNOWN, LightField
 from lfpipe.scene.source import Geometry
 from lfpipe.track.filters.table import make_filter
 from lfpipe.transport.clock import MS_NS
+from lfpipe.transport.histogram import MAX_NS
 
 FILTERS = tuple(FILTER_MODULES)  # the default one first
 RATES_HZ = (15, 30, 60, 120, 240)  # of webcams in the dark to high-speed cameras
 EYES = np.array([[350.0, 240.0], [290.0, 242.0]])  # px, near the middle of 640x480
-EYE_DISTANCE_PX = 60.0  # of EYES
 AHEAD_MS = 100  # typical time from exposure to display
 Float = NDArray[np.float64]
-LAST_NS = 2**63 - 1
-
-
 # Name -> offsets of the stamp (ns) and of the eyes (px) of a frame. The tracker's gate would reject
 # NaN, infinite and absurdly large values: they count as no face.
 DISTURBANCES: dict[str, tuple[int, Float | float]] = {
@@ -42,7 +40,7 @@ DISTURBANCES: dict[str, tuple[int, Float | float]] = {
     "infinite": (0, math.inf),
     "spike of 1e18 px": (0, 1e18),
     "stamp 1/30 s early": (-33_333_333, 0.0),
-    "stamp of 292 years": (LAST_NS, 0.0),
+    "stamp of 292 years": (MAX_NS, 0.0),
 }
 
 
@@ -72,7 +70,7 @@ def disturbed(
         outputs = []
         for frame, (t_ns, eyes) in enumerate(zip(stamps_ns.tolist(), measured, strict=True)):
             if frame in wrong:
-                filter_.update(min(t_ns + late_ns, LAST_NS), eyes + off_px)
+                filter_.update(min(t_ns + late_ns, MAX_NS), eyes + off_px)
             else:
                 filter_.update(t_ns, eyes)
             outputs.append(filter_.predict(t_ns + AHEAD_MS * MS_NS) / EYE_DISTANCE_PX)

@@ -30,6 +30,7 @@ from lfpipe.files.decoding import picture_of
 from lfpipe.files.picture_structure import BeyondLimitError, examine
 from lfpipe.files.pictures import MAX_DECODING_BYTES, header_of
 from lfpipe.files.safe_files import PRIVATE, check_regular, lines, open_regular, reason
+from lfpipe.files.trace import MAX_NS
 from lfpipe.files.untrusted import json_fields
 from lfpipe.host.files import CREATING, exists
 
@@ -54,13 +55,12 @@ _ENCODING = {  # codec -> parameters of OpenCV
     "png": [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, 3],  # the fastest
 }
 FORMATS = {"jpeg": "JPEG", "png": "PNG"}  # codec -> name of the picture's format
-_TIME_NS = 1 << 61  # keeps differences, and sums over loops of the recording, within 64 bits
 BOUNDS = {  # field of a line with a number -> (lowest, highest)
     "seq": (0, MAX_PACKETS),
     "source_seq": (0, 1 << 62),
     "epoch": (0, 1 << 62),
-    "t_sensor_ns": (-_TIME_NS, _TIME_NS),
-    "t_read_ns": (-_TIME_NS, _TIME_NS),
+    "t_sensor_ns": (-MAX_NS, MAX_NS),
+    "t_read_ns": (-MAX_NS, MAX_NS),
     "offset": (0, 1 << 62),
     "bytes": (0, PACKET_BYTES),
     "crc32": (0, (1 << 32) - 1),
@@ -146,7 +146,7 @@ def read_index(folder: Path, complete: bool, most: int = MAX_PACKETS) -> Packets
     path = folder / INDEX
     packets = Packets()
     end = 0
-    last_ns = -_TIME_NS - 1
+    last_ns = -MAX_NS - 1
     try:
         check_regular(folder / PACKETS)
         size = (folder / PACKETS).stat().st_size
