@@ -243,3 +243,20 @@ def test_a_portrait_that_was_carried_in_counts_as_one_later(carried: bool, pictu
         follow(200.0 + 5 * frame * carried)
     rests = [follow(395.0 if carried else 200.0) for _ in range(2 * pictures)]
     assert rests.index(True) == pytest.approx(pictures, abs=60)
+
+
+def test_a_viewer_who_covers_half_of_a_portrait_is_not_taken_for_it() -> None:
+    """The detector finds a portrait a little beside its last place; a viewer stands further off."""
+    liveness = Liveness()
+    eyes_px = np.array([[330.0, 200.0], [270.0, 200.0]])
+    box_px = (240.0, 140.0, 360.0, 260.0)
+    for _ in range(2 * PORTRAIT_PICTURES):
+        liveness.follow(Face(eyes_px, 1.0, box_px=box_px, eye_distance_px=60))
+    liveness.scanned(box_px)
+    taken = [
+        liveness.is_portrait(
+            Detection((240.0 + off, 140.0, 360.0 + off, 260.0), np.zeros((6, 2)), 1.0)
+        )
+        for off in (0, 6, 12, 36, 48, 60)
+    ]
+    assert taken == [True, True, True, False, False, False]
