@@ -1,25 +1,26 @@
 """`lfpipe calibrate`: measures the focal length of the camera, which true depth needs."""
 
-import math
-from collections.abc import Mapping
-from pathlib import Path
-
 import attrs
 import click
 
 from lfpipe.capture.live_source import PREFIX, check_live, is_live
 from lfpipe.capture.open_source import camera_name
-from lfpipe.cli.options import CAMERA, Number, with_config
+from lfpipe.cli.options import CAMERA, SESSION, Number, with_settings
 from lfpipe.cli.terminal import print_result
 from lfpipe.config import Config, load, user_file
-from lfpipe.config.user_files import PLACED, camera_file, write_keys
+from lfpipe.config.modes import Window
+from lfpipe.config.user_files import PLACED, camera_file, check_focal, keep_focal, write_keys
 from lfpipe.errors import UserError
 from lfpipe.live.shared_scene import two_cameras
 from lfpipe.monitor.calibrate import by_card, by_eyes, placement_of
-from lfpipe.monitor.camera_window import FARTHEST_MM, NEAREST_MM
+from lfpipe.monitor.session_reader import snapshot
+from lfpipe.render.display.open_display import has_display
+from lfpipe.render.ui.calibration import FARTHEST_MM, NEAREST_MM, USUAL_MM
+from lfpipe.scene.cache import cache_dir
+from lfpipe.scene.demo import demo_scene
+from lfpipe.supervisor import rundir
 
 BANK_CARD_MM = 85.60  # ISO/IEC 7810 ID-1
-USUAL_DEG = (30, 130)  # fields of view of webcams, narrow to wide
 
 
 @click.command()
@@ -29,7 +30,7 @@ USUAL_DEG = (30, 130)  # fields of view of webcams, narrow to wide
     "--distance",
     "distance_mm",
     type=Number(NEAREST_MM, FARTHEST_MM),
-    default=600.0,
+    default=USUAL_MM,
     show_default=True,
     metavar="MM",
     help="Distance from the camera to your eyes, or to the card; the window can change it.",
@@ -41,54 +42,85 @@ USUAL_DEG = (30, 130)  # fields of view of webcams, narrow to wide
     show_default=True,
     help="Measure your eyes, or a bank card.",
 )
-@with_config
+@SESSION
+@with_settings
 def calibrate(
-    scene: str | None, camera: str | None, distance_mm: float, by: str, config: Config
-) -> None:
+    *,
+    scene: str | None,
+    camera: str | None,
+    distance_mm: float,
+    by: str,
+    session_name: str,
+    config_file: str | None,
+    sets: tuple[str, ...],
+) -> int:
     """Measure the focal length of the camera and store it under the camera's name.
 
-    Sit with your eyes MM from the camera (or hold a bank card there, parallel to the camera) and
-    follow the instructions in the window. It can check the result at a second distance. Without a
-    screen, the measurement starts when eyes are detected.
+    Opens the page Calibrate in the window of the running session, or in a new one: sit with your
+    eyes MM from the camera. The page can check the result at a second distance. Without a screen,
+    the measurement starts when eyes are detected. For a bank card, hold it at MM, parallel to the
+    camera.
 
     With live:SRC, measure and store instead how the second of two cameras stands against the first.
     """
+    config = load(config_file, sets)
     if scene is not None:
         _calibrate_pair(scene, config)
-        return
+        return 0
+    if by == "eyes" and has_display():
+        return _open_page(session_name, camera, distance_mm, config_file, sets)
     name = camera_name(camera or config.camera.source)
-    measured = (by_card if by == "card" else by_eyes)(config, camera, distance_mm)
-    size_px, distance_mm = measured.size_px, measured.distance_mm
-    size_mm = BANK_CARD_MM if by == "card" else config.screen.eyes_mm
+    size_mm = config.screen.eyes_mm
+    if by == "card":
+        size_mm = BANK_CARD_MM
+        size_px, distance_mm = by_card(config, camera, distance_mm)
+    else:
+        size_px = by_eyes(config, camera)
     focal_px = round(size_px * distance_mm / size_mm, 1)
     width_px = config.camera.frame_px[0]
-    fov_deg = math.degrees(2 * math.atan(width_px / 2 / focal_px))
     print_result(f"{size_mm:g} mm at a distance of {distance_mm:g} mm measure {size_px:.1f} px")
+    fov_deg = check_focal(focal_px, width_px)
     print_result(f"focal length {focal_px} px, field of view {fov_deg:.1f} degrees")
-    if measured.check_mm is not None:
-        set_mm, found_mm = measured.check_mm
-        print_result(
-            f"{found_mm:.0f} mm measured at {set_mm:g} mm, off by {found_mm - set_mm:+.0f} mm"
-        )
-    if not USUAL_DEG[0] <= fov_deg <= USUAL_DEG[1]:
-        raise UserError(
-            f"a field of view of {fov_deg:.1f} degrees is not stored: webcams have {USUAL_DEG[0]}"
-            f" to {USUAL_DEG[1]} degrees",
-            f"measure again at {distance_mm:g} mm; if the lens really has this field of view, set"
-            f" focal_px = {focal_px} under [camera] in {user_file()}",
-        )
     if by == "eyes":
         print_result(
             f"by screen.eyes_mm, {size_mm:g} mm between your eyes: the mean, 63, is at most 8 % off"
             " for most people"
         )
-    store(camera_file(), name, {"focal_px": focal_px, "width_px": width_px})
+    overridden = keep_focal(name, focal_px, width_px)
     print_result(f"stored for {name} in {camera_file()}")
-    if load().camera.focal_px != "auto":
-        store(user_file(), "camera", {"focal_px": None})
+    if overridden:
         print_result(
             f"camera.focal_px removed from {user_file()}: it would override the measured value"
         )
+    return 0
+
+
+def _open_page(
+    session_name: str,
+    camera: str | None,
+    distance_mm: float,
+    config_file: str | None,
+    sets: tuple[str, ...],
+) -> int:
+    """Opens the page in the window of the session, or starts one with it; returns the exit code."""
+    if session_name in rundir.running() and isinstance(
+        snapshot(session_name).options.display, Window
+    ):
+        rundir.ask(session_name, {"cmd": "action", "name": "calibrate", "value": distance_mm}, 3.0)
+        print_result("calibrate in the open window, with the camera that it uses")
+        return 0
+    from lfpipe.cli.launch import UpArguments, launch
+
+    return launch(
+        UpArguments(
+            scenes=(demo_scene(cache_dir(load(config_file, sets).scene)),),
+            camera=camera,
+            session_name=session_name,
+            config_file=config_file,
+            sets=sets,
+            calibrate_mm=distance_mm,
+        )
+    )
 
 
 def _calibrate_pair(text: str, config: Config) -> None:
@@ -105,17 +137,5 @@ def _calibrate_pair(text: str, config: Config) -> None:
     print_result(f"its picture lies {lies}, and is {placed.scale:.3f} times as large")
     values = {key: round(value, 4) for key, value in attrs.asdict(placed).items()}
     values |= {"swapped": placed.swapped, "width_px": live.width_px}
-    store(camera_file(), PLACED + name, values)
+    write_keys(camera_file(), PLACED + name, values)
     print_result(f"stored for {name} in {camera_file()}")
-
-
-def store(path: Path, section: str, values: Mapping[str, float | str | None]) -> None:
-    """Writes the values under [section] of path.
-
-    Raises UserError if it is not TOML, OSError if it cannot be written.
-    """
-    try:
-        write_keys(path, section, values)
-    except ValueError as error:
-        lines = " and ".join(f"{key} = {value}" for key, value in values.items())
-        raise UserError(f"{path}: {error}", f"write {lines} under [{section}] there") from None

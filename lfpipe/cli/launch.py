@@ -92,6 +92,8 @@ class UpArguments:
     force: bool = False
     start: bool = False
     """Whether to begin with thumbnails of the scenes."""
+    calibrate_mm: float = 0.0
+    """Whether to begin with the page that measures the camera, and at which distance."""
     extras: Mapping[str, tuple[str, ...]] = attrs.field(factory=dict)
     """Options of stages of other packages, by stage. These stages need eyes."""
     lock_code: str = ""
@@ -391,7 +393,7 @@ def _plan(arguments: UpArguments, request: Request, opened: Opened) -> SessionPl
         folder = request.still.parent
         folder.mkdir(exist_ok=True)
         lines.insert(0, f"no screen here: the demo records itself in {folder}/")
-    if arguments.scenes and not arguments.lock_code and not arguments.start:
+    if arguments.scenes and not (arguments.lock_code or arguments.start or arguments.calibrate_mm):
         remember_scene(scenes[0])
     options = SessionOptions(
         scene=scene,
@@ -404,6 +406,7 @@ def _plan(arguments: UpArguments, request: Request, opened: Opened) -> SessionPl
             else ()
         ),
         start=arguments.start,
+        calibrate_mm=arguments.calibrate_mm,
         ask_glasses=_is_first_start(arguments, display),
         trace=str(arguments.trace.resolve()) if arguments.trace else "",
         still=str(request.still.resolve()) if request.still else "",
@@ -500,7 +503,7 @@ def _viewer(arguments: UpArguments, request: Request) -> Viewer:
         if arguments.wait_for_camera and (not camera or parse_source(camera).live):
             say(f"{error.message}; the session waits for its camera")
             return CameraViewer(source=camera)
-        if not (has_mouse and isinstance(error, NoCamera)):
+        if not (has_mouse and isinstance(error, NoCamera)) or arguments.calibrate_mm:
             raise
         say("no camera: move the mouse to look around")
         return MouseViewer()

@@ -58,6 +58,11 @@ class NoViewer:
 Viewer = CameraViewer | RecordedEyes | MouseViewer | NoViewer
 
 
+def is_measurable(viewer: Viewer) -> bool:
+    """Whether there are frames with eyes, by which a camera is measured."""
+    return isinstance(viewer, CameraViewer) and viewer.tracked
+
+
 def watching(viewer: Viewer, needs_eyes: bool) -> Viewer:
     """The viewer of a session that continues with another scene; a session without one looks for
     the first camera when a scene needs eyes.

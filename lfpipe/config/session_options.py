@@ -193,6 +193,8 @@ class SessionOptions:
     playlist_at: int = 0
     # begin with the thumbnails of the playlist
     start: bool = False
+    # begin with the page that measures the camera, at this distance; 0: do not
+    calibrate_mm: float = 0.0
     # ask which glasses the user has
     ask_glasses: bool = False
     # nobody has looked for a while: cameras are read less often

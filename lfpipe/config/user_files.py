@@ -13,6 +13,7 @@ import attrs
 
 from lfpipe.config.session_options import Placement
 from lfpipe.config.tree import Config, Key, options
+from lfpipe.errors import UserError
 from lfpipe.files.safe_files import read_text, write_file
 from lfpipe.files.untrusted import Fields, toml_table
 from lfpipe.host.files import exists, is_missing
@@ -20,6 +21,7 @@ from lfpipe.host.files import exists, is_missing
 FILE_BYTES = 128 << 10  # ten times the size of a file with every key
 PLACED = "live:"  # prefix of the table of a placement
 MAX_PX = 65536.0  # of a view's width, and of what it differs by
+USUAL_DEG = 30, 130  # fields of view of webcams, narrow to wide
 FOCAL_PX = 1.0, 1e6  # of a camera: what camera.focal_px accepts, at any width
 
 
@@ -83,20 +85,52 @@ def write_keys(path: Path, section: str, values: Mapping[str, float | bool | str
     """Sets keys of [section] in the TOML file at path, or removes those whose value is None. Keeps
     everything else, comments and order too. The write is atomic.
 
-    Raises OSError if it cannot be written, ValueError if it is not TOML or section is not a table.
+    Raises UserError if it cannot be written, is not TOML, or section is not a table.
     """
     import tomlkit
 
-    tree = tomlkit.parse(path.read_text() if exists(path) else "")
-    table = tree.setdefault(section, tomlkit.table())
-    if not isinstance(table, MutableMapping):
-        raise ValueError(f"{section} is not a table")
-    for name, value in values.items():
-        if value is None:
-            table.pop(name, None)
-        else:
-            table[name] = value
-    write_file(path, tomlkit.dumps(tree).encode(), 0o644)
+    try:
+        tree = tomlkit.parse(path.read_text() if exists(path) else "")
+        table = tree.setdefault(section, tomlkit.table())
+        if not isinstance(table, MutableMapping):
+            raise ValueError(f"{section} is not a table")
+        for name, value in values.items():
+            if value is None:
+                table.pop(name, None)
+            else:
+                table[name] = value
+        write_file(path, tomlkit.dumps(tree).encode(), 0o644)
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise UserError(
+            f"{path}: {', '.join(values)} not saved: {why}",
+            "make that file writable; if it is damaged, correct it or remove it",
+        ) from None
+
+
+def check_focal(focal_px: float, width_px: int) -> float:
+    """The field of view in degrees of a measured focal length. Raises UserError if no webcam has
+    it: the distance was wrong.
+    """
+    fov_deg = math.degrees(2 * math.atan(width_px / 2 / focal_px))
+    if not USUAL_DEG[0] <= fov_deg <= USUAL_DEG[1]:
+        raise UserError(
+            f"a field of view of {fov_deg:.1f} degrees is not stored: webcams have {USUAL_DEG[0]}"
+            f" to {USUAL_DEG[1]} degrees",
+            "measure the distance, and try again; if the lens really has this field of view, set"
+            f" focal_px = {focal_px} under [camera] in {user_file()}",
+        )
+    return fov_deg
+
+
+def keep_focal(camera: str, focal_px: float, width_px: int) -> bool:
+    """Stores the measured focal length of a camera. Returns whether one was removed from the user's
+    settings, which would override it. Raises UserError as `write_keys`.
+    """
+    write_keys(camera_file(), camera, {"focal_px": focal_px, "width_px": width_px})
+    if overridden := has_key("camera", "focal_px"):
+        write_keys(user_file(), "camera", {"focal_px": None})
+    return overridden
 
 
 def _range(key: Key) -> str:

@@ -443,7 +443,9 @@ class RenderStage:
                 self._presenter.redraw()
                 context.answer(message)
             elif word == "action":
-                context.answer(message, text=self._ui.act(message["name"]))
+                context.answer(
+                    message, text=self._ui.act(message["name"], message.get("value", 0.0))
+                )
             elif word == "loading":
                 self._ui.scenes.report(message)
             elif word == "preview":

@@ -45,6 +45,7 @@ _GIVE = "give a folder of views, or a file that contains them"
 _NO_VIEWS = (".thm", ".bak", ".tmp", ".part", "~")  # previews, copies and halves of pictures
 _ENDING = re.compile(r"\.(?![0-9]+$)[^./]{1,12}$")
 VIDEOS = (".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v")
+HOLDS_ALL = (".npy", ".npz", ".mat", ".h5", ".hdf5", *VIDEOS)  # files that may be scenes
 
 
 @attrs.frozen(kw_only=True)
@@ -113,7 +114,7 @@ def list_scene(path: str | os.PathLike[str]) -> Listing:
             )
         if not stat.S_ISDIR(mode):
             raise UserError(f"{where}: neither a file nor a folder", _GIVE)
-        names, folders = _entries(given)
+        names, folders = entries(given)
     except FileNotFoundError:
         raise UserError(f"{where}: no such scene", _GIVE) from None
     except OSError as error:
@@ -135,12 +136,12 @@ def list_scene(path: str | os.PathLike[str]) -> Listing:
     )
 
 
-def _entries(folder: Path) -> tuple[list[str], list[str]]:
-    """Names of files and of subfolders; without hidden ones."""
+def entries(folder: Path) -> tuple[list[str], list[str]]:
+    """Names of files and of subfolders; without hidden ones. Raises OSError, UserError."""
     names: list[str] = []
     folders: list[str] = []
-    with os.scandir(folder) as entries:
-        for entry in entries:
+    with os.scandir(folder) as found:
+        for entry in found:
             if entry.name.startswith("."):
                 continue
             inner = False

@@ -3,6 +3,8 @@ because a dead network drive or name server blocks its caller. The child checks 
 saves settings.
 """
 
+import itertools
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,7 +16,10 @@ from lfpipe.host.worker import Report, serve
 from lfpipe.plugins import REQUESTS, guarded, load
 from lfpipe.transport.control import Message
 
-FIX_SETTINGS = "make that file writable; if it is damaged, correct it or remove it"
+START = "~"  # the folder to begin with
+LISTED_BYTES = (
+    48 << 10
+)  # of the names in a folder, each with 5 for its length: a message holds them
 # of a check: the libraries of a recording reserve 300 MB when they are imported
 MEMORY_BYTES = 1 << 30
 
@@ -24,7 +29,8 @@ class FileCheck:
     """The task of the child for a request."""
 
     check: str
-    """"trace", "record", "viewer", "keep", "keep depth", or a command of another package."""
+    """"trace", "record", "viewer", "folder", "keep", "keep depth", "keep focal", or a command of
+    another package."""
     path: str
     """Of the output, the settings or the pack; messages name it."""
     source: str = ""
@@ -34,12 +40,12 @@ class FileCheck:
     section: str = ""
     """Settings to write to [section]."""
     values: Mapping[str, Any] = attrs.field(factory=dict)
-    """The settings; those of the camera for a viewer."""
+    """The settings; those of the camera for a viewer, and what was measured of it."""
 
     @property
     def writes(self) -> bool:
         """Whether it writes a file: such a task is queued instead of refused."""
-        return self.check in ("keep", "keep depth")
+        return self.check.startswith("keep")
 
 
 def check(request: Message, _report: Report) -> Message:
@@ -57,16 +63,20 @@ def check(request: Message, _report: Report) -> Message:
 
         check_out(Path(asked.path))
         return {}
+    if asked.check == "folder":
+        return _folder(asked.path)
     if asked.check == "viewer":
         return _viewer(asked)
     if asked.check == "keep":
         from lfpipe.config.user_files import write_keys
 
-        try:
-            write_keys(Path(asked.path), asked.section, asked.values)
-        except (OSError, ValueError) as error:
-            why = getattr(error, "strerror", None) or error
-            raise UserError(f"{asked.path}: not saved: {why}", FIX_SETTINGS) from None
+        write_keys(Path(asked.path), asked.section, asked.values)
+        return {}
+    if asked.check == "keep focal":
+        from lfpipe.capture.open_source import camera_name
+        from lfpipe.config.user_files import keep_focal
+
+        keep_focal(camera_name(asked.source), **asked.values)
         return {}
     if asked.check == "keep depth":
         from lfpipe.scene.inverted_depth import remember
@@ -76,6 +86,33 @@ def check(request: Message, _report: Report) -> Message:
         return {}
     plugin = guarded(load(REQUESTS, asked.check, ()), REQUESTS, asked.check, {"check": dict})
     return dict(plugin.check(asked))
+
+
+def _folder(path: str) -> Message:
+    """What there is to open in a folder; for START, in that of the last scene, or at home."""
+    from lfpipe.files.safe_files import reason
+    from lfpipe.scene.files import HOLDS_ALL, PICTURES, entries, natural
+    from lfpipe.scene.recent_scenes import recent_scenes
+
+    folder = Path(path)
+    if path == START:
+        folder = next((scene.parent for scene in recent_scenes()), Path.home())
+    try:
+        names, folders = entries(folder)
+    except OSError as error:
+        raise UserError(
+            f"{folder}: cannot be read: {reason(error)}", "check the path and its permissions"
+        ) from None
+    files = [name for name in names if name.lower().endswith((*HOLDS_ALL, *PICTURES))]
+    folders, files = sorted(folders, key=natural), sorted(files, key=natural)
+    sizes = itertools.accumulate(len(os.fsencode(name)) for name in (*folders, *files))
+    count = sum(size + 5 * number <= LISTED_BYTES for number, size in enumerate(sizes, 1))
+    return {
+        "path": str(folder),
+        "folders": folders[:count],
+        "files": files[: max(0, count - len(folders))],
+        "more": max(0, len(folders) + len(files) - count),
+    }
 
 
 def _viewer(asked: FileCheck) -> Message:

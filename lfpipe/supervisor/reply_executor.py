@@ -10,7 +10,6 @@ from lfpipe.scene.open_scene import Packing
 from lfpipe.supervisor.check_service import FileChecks
 from lfpipe.supervisor.control_sockets import ControlSockets, Request
 from lfpipe.supervisor.effects import EndKind, Outcome
-from lfpipe.supervisor.file_dialog import FileDialog
 from lfpipe.supervisor.metrics import SessionMetrics
 from lfpipe.supervisor.pending_answers import PendingAnswers
 from lfpipe.supervisor.process_table import NAMES, SHOWN_BY
@@ -56,9 +55,8 @@ class ReplyExecutor:
         self._loads = SceneLoads(show, sockets.connections, packing)
         self._previews = ScenePreviews(show)
         self._checks = FileChecks(sockets.connections)
-        self._dialog = FileDialog(sockets.connections)
         self._wakes = WakeClients(sockets.connections)
-        self.services = (self._loads, self._previews, self._checks, self._dialog, self._wakes)
+        self.services = (self._loads, self._previews, self._checks, self._wakes)
 
     def close(self) -> None:
         """Ends the child processes."""
@@ -103,8 +101,6 @@ class ReplyExecutor:
             return None
         if reply.check is not None:
             self._checks.begin(request, reply.check)
-        elif reply.dialog is not None:
-            self._dialog.open(request, folder=reply.dialog == "folder")
         elif reply.load is not None:
             if replaced := self._loads.want(request, reply.load):
                 self.answer(replaced, REPLACED)

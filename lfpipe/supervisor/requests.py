@@ -11,17 +11,17 @@ import logging
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 import attrs
 
 from lfpipe import config as config_module
-from lfpipe.config import DrawingCosts, SceneSummary, converter
-from lfpipe.config.modes import CameraViewer, Lossless, MouseViewer
+from lfpipe.config import DrawingCosts, SceneSummary, converter, user_files
+from lfpipe.config.modes import CameraViewer, Lossless, MouseViewer, is_measurable
 from lfpipe.errors import UserError
 from lfpipe.plugins import REQUESTS, guarded, load, plugins
 from lfpipe.scene.open_scene import PackerRequest
-from lfpipe.supervisor.file_checks import FileCheck
+from lfpipe.supervisor.file_checks import START, FileCheck
 from lfpipe.supervisor.process_table import SCORER, SHOWN_BY, STAGES, TRACKED_BY, rings
 from lfpipe.supervisor.session_state import SessionState, new_ring
 from lfpipe.transport.clock import SECOND_NS
@@ -36,10 +36,10 @@ OUTPUTS = {
     "record": ("record", "recording", "lfpipe ctl record"),
 }
 # requests that only the stage that shows pictures may send
-OF_THE_WINDOW = ("keep", "dialog", "costs")
+OF_THE_WINDOW = ("keep", "folder", "costs")
 # what a client may do as if it had pressed the key in the window: actions of `lfpipe.render.ui`
-REMOTE_ACTIONS = ("record", "screenshot", "glasses")
-KEPT = ("section", "values", "depth")
+REMOTE_ACTIONS = ("record", "screenshot", "glasses", "calibrate")
+KEPT = ("section", "values", "depth", "focal_px")
 DEPTHS = ("yes", "no", "asked")  # saved values for the depth order of a scene
 LEASE_S, MAX_LEASE_S = 5.0, 60.0  # of the ring of pictures
 MAX_WAKES = 8  # of other programs: each costs the writer of its ring a system call per slot
@@ -62,8 +62,6 @@ class Reply:
     """The real reply comes from `respond_checked`."""
     wake: str = ""
     """A FIFO of the state that ends with the client, as RING.NAME."""
-    dialog: Literal["folder", "file"] | None = None
-    """The real reply comes from `on_chosen`."""
     executed_by: tuple[str, ...] = ()
     """The stages that execute the command, and then answer."""
     sent: Message = attrs.field(factory=dict)
@@ -262,7 +260,11 @@ def _viewer(state: SessionState, message: Message, _t_ns: int) -> Reply:
 
 
 def _keep(state: SessionState, message: Message, _t_ns: int) -> Reply:
-    """Saves settings for later sessions in the user's file, or the depth order of the scene."""
+    """Saves settings for later sessions in the user's file, the depth order of the scene, or the
+    measured focal length of the camera.
+    """
+    if "focal_px" in message:
+        return _keep_focal(state, message["focal_px"])
     depth = message.get("depth")
     scene = state.options.scene
     if "depth" in message:
@@ -277,6 +279,21 @@ def _keep(state: SessionState, message: Message, _t_ns: int) -> Reply:
     return Reply(check=FileCheck(check="keep", path=path, section=section, values=values))
 
 
+def _keep_focal(state: SessionState, focal_px: Any) -> Reply:
+    if not _is_positive(focal_px):
+        raise BadMessage(f"keep: focal_px {focal_px!r:.100} is not a number of px")
+    _check_camera(state)
+    width_px = state.config.camera.frame_px[0]
+    user_files.check_focal(focal_px, width_px)
+    check = FileCheck(
+        check="keep focal",
+        path=str(user_files.camera_file()),
+        source=state.options.viewer.source,
+        values={"focal_px": focal_px, "width_px": width_px},
+    )
+    return Reply(check=check)
+
+
 def _costs(state: SessionState, message: Message, _t_ns: int) -> Reply:
     """Applies the measured costs of drawing."""
     by_method = message.get("ns_per_px")
@@ -289,23 +306,12 @@ def _costs(state: SessionState, message: Message, _t_ns: int) -> Reply:
     return Reply(state=state.with_costs(costs))
 
 
-def _dialog(state: SessionState, message: Message, _t_ns: int) -> Reply:
-    """Opens the desktop's dialog, for a folder or a file; `on_chosen` receives its path."""
-    folder = message.get("folder")
-    if not isinstance(folder, bool):
-        raise BadMessage("dialog needs `folder`: true for a folder, false for a file")
-    return Reply(dialog="folder" if folder else "file")
-
-
-def on_chosen(message: Message, path: str) -> tuple[Message, Callable[[SessionState], Reply]]:
-    """The request of a dialog with the chosen path as its scene, and its reply, which loads it.
-
-    path: "" if the dialog was cancelled.
-    """
-    if not path:
-        return message, lambda _: Reply(answer={"path": ""})
-    message = {**message, "scene": path}
-    return message, lambda state: _load(state, message, 0)
+def _folder(_state: SessionState, message: Message, _t_ns: int) -> Reply:
+    """Lists a folder for the page that opens scenes."""
+    path = message.get("path", START)
+    if not isinstance(path, str) or not (_absolute(path) or path == START):
+        raise BadMessage("folder needs an absolute path, or none for the first one")
+    return Reply(check=FileCheck(check="folder", path=path))
 
 
 def respond_checked(state: SessionState, message: Message, result: Message, t_ns: int) -> Reply:
@@ -321,8 +327,14 @@ def respond_checked(state: SessionState, message: Message, result: Message, t_ns
             jpeg_px=tuple(result["jpeg_px"]) if result["jpeg_px"] else None,
         )
         return Reply(answer={"source": viewer.source}, state=state.changed(viewer=viewer))
+    if message["cmd"] == "folder":
+        return Reply(answer=result)
     if message["cmd"] == "keep":
-        return Reply(answer={key: message[key] for key in KEPT if key in message})
+        new = None
+        if "focal_px" in message:
+            camera = {"camera.focal_px": message["focal_px"]}
+            new = state.changed(config_module.updated(state.config, camera))
+        return Reply(answer={key: message[key] for key in KEPT if key in message}, state=new)
     respond(state, message, t_ns)  # another client may have started one
     if message["cmd"] not in HANDLERS:
         return _plugged(message["cmd"]).respond_checked(state, message, result)
@@ -338,6 +350,12 @@ def _check_eyes(state: SessionState) -> None:
             "no camera is in use: the scene is a single view",
             "record without a scene: `lfpipe record OUT`",
         )
+
+
+def _check_camera(state: SessionState) -> None:
+    """Raises UserError if there is no camera to measure."""
+    if not is_measurable(state.options.viewer):
+        raise UserError("no camera is in use", "choose one: `lfpipe ctl viewer camera:0`")
 
 
 def has_eyes(state: SessionState) -> bool:
@@ -404,9 +422,14 @@ def _action(state: SessionState, message: Message, _t_ns: int) -> Reply:
         raise UserError("nobody looks at this session", "start one that shows: `lfpipe up SCENE`")
     if name == "record":
         _check_eyes(state)
-    if name == "glasses" and state.options.lock_code:
-        raise UserError("the window is locked", "test the glasses before `--kiosk`")
-    return Reply(executed_by=(SHOWN_BY,), sent={"name": name})
+    if name == "calibrate":
+        _check_camera(state)
+    if name in ("glasses", "calibrate") and state.options.lock_code:
+        raise UserError("the window is locked", "open that page before `--kiosk`")
+    sent: Message = {key: message[key] for key in ("name", "value") if key in message}
+    if not _is_positive(sent.get("value", 1.0)):
+        raise BadMessage(f"action: value {sent['value']!r:.100} is not a positive number")
+    return Reply(executed_by=(SHOWN_BY,), sent=sent)
 
 
 def _absolute(path: str) -> bool:
@@ -442,7 +465,7 @@ HANDLERS: dict[str, Handler] = {
     "record": _output,
     "viewer": _viewer,
     "keep": _keep,
-    "dialog": _dialog,
+    "folder": _folder,
     "costs": _costs,
     "stop": lambda _state, _message, _t_ns: Reply(stop=True),
 }

@@ -8,17 +8,23 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from lfpipe.config.user_files import write_keys
-from lfpipe.monitor.calibrate import eyes_page, median_of
-from lfpipe.monitor.camera_window import NEAREST_MM, SLIDER_MM, Distance
+from lfpipe.errors import UserError
 from lfpipe.render.display.overlay import Event
-from lfpipe.render.display.window_system import pygame
-from lfpipe.render.ui.overlay_view import ItemPanel, text_panel
+from lfpipe.render.ui.calibration import (
+    MEASURED_FRAMES,
+    NEAREST_MM,
+    SLIDER_MM,
+    SPREAD,
+    Distance,
+    StillEyes,
+)
 from tests.capture.made_files import video
-from tests.support.finger import Finger
 from tests.support.world import World
-from tests.support.xvfb_screen import Screen, needs_xdotool, outline
+from tests.support.xvfb_screen import Screen, outline
 
 
 @pytest.mark.parametrize(
@@ -45,16 +51,41 @@ def test_write_keys_changes_one_key_alone(before: str, tmp_path: Path) -> None:
     assert comments[0] == comments[1]
     for damaged in ("camera = 3\n", "[camera\n"):
         path.write_text(damaged)
-        with pytest.raises(ValueError):
+        with pytest.raises(UserError, match="focal_px not saved"):
             write_keys(path, "camera", {"focal_px": 612.5})
         assert path.read_text() == damaged
 
 
-def test_median_of_tells_a_viewer_who_moves() -> None:
-    assert median_of([]) == (0.0, False)
-    median_px, still = median_of([60 + k % 2 * 0.5 for k in range(45)])
-    assert still and abs(median_px - 60) <= 0.5
-    assert not median_of(range(50, 95))[1]
+@given(
+    st.floats(20, 200),
+    st.lists(st.floats(-0.4, 0.4), min_size=MEASURED_FRAMES, max_size=MEASURED_FRAMES),
+    st.lists(st.integers(0, 3), min_size=MEASURED_FRAMES, max_size=MEASURED_FRAMES),
+)
+def test_still_eyes_are_measured_whatever_frames_lack_a_face(
+    px: float, noise: list[float], gaps: list[int]
+) -> None:
+    """noise: in shares of the spread that counts as still. gaps: frames without a face."""
+    eyes = StillEyes()
+    for at, (share, gap) in enumerate(zip(noise, gaps, strict=True)):
+        assert eyes.share == pytest.approx(at / MEASURED_FRAMES)
+        for _ in range(gap):
+            eyes.add(None)
+            assert not eyes.has_face
+        eyes.add(px * (1 + share * SPREAD))
+        assert eyes.has_face
+    assert eyes.share == 1.0 and eyes.restless == 0
+    assert eyes.median_px == pytest.approx(px, rel=0.4 * SPREAD)
+
+
+@given(st.floats(20, 200), st.floats(0.01, 0.2), st.booleans())
+def test_moving_eyes_are_not_measured(px: float, step: float, nearer: bool) -> None:
+    """step: of a frame, as a share of the distance."""
+    eyes = StillEyes()
+    for _ in range(2 * MEASURED_FRAMES):
+        px *= 1 + step if nearer else 1 / (1 + step)
+        eyes.add(px)
+        assert eyes.share < 1.0
+    assert eyes.seen and eyes.restless == 2 * MEASURED_FRAMES
 
 
 def test_calibrate_without_a_screen_measures_the_demo(world: World) -> None:
@@ -69,7 +100,7 @@ def test_calibrate_without_a_screen_measures_the_demo(world: World) -> None:
     assert not (settings / "config.toml").exists()
     # the face fills as much as one would at 600 mm
     far = world.refused("calibrate", "--camera", "demo", "--distance", "1600")
-    assert "not stored" in far and "measure again" in far
+    assert "not stored" in far and "measure the distance" in far
     assert tomllib.loads((settings / "cameras.toml").read_text()) == {"demo": written}
     video(world.root / "wall.avi", "MJPG", [np.full((480, 640, 3), 120, np.uint8)] * 30)
     assert "no face was detected" in world.refused("calibrate", "--camera", "file:wall.avi")
@@ -167,7 +198,7 @@ def test_calibrate_by_card_in_a_real_window(world: World, screen: Screen, tmp_pa
 
 def typed(distance: Distance, *keys: str) -> float:
     for key in keys:
-        distance.take(Event("type", key))
+        assert distance.take(Event("type", key))
     return distance.mm
 
 
@@ -186,74 +217,4 @@ def test_distance_is_typed_stepped_and_slid() -> None:
     for _ in range(1000):
         distance.take(Event("less"))
     assert distance.mm == NEAREST_MM
-
-
-OTHER = 60  # of 255: more than the picture shines through, less than a letter that is off
-
-
-class Calibration:
-    """`lfpipe calibrate` in a window, at two distances with the demo's face, which stays."""
-
-    def __init__(self, world: World, screen: Screen) -> None:
-        pygame.font.init()
-        world.env["DISPLAY"] = screen.name
-        self.process = world.start("calibrate", "--camera", "demo", "--distance", "560")
-        self.finger = Finger(world, screen, "lfpipe calibrate")
-        self.world = world
-        world.wait_for(lambda: outline(self.finger.title, screen.name), "window")
-
-    def panel(self, mm: float, checks: bool = False) -> ItemPanel:
-        page = eyes_page(Distance(f"{mm:g}"), True, True, 0.0 if checks else None)
-        size_px = self.finger.size_px
-        return text_panel(page, size_px[1], size_px, self.finger.text_px)
-
-    def _shows(self, panel: ItemPanel) -> bool:
-        drawn = pygame.surfarray.array3d(panel.surface).swapaxes(0, 1)
-        left, top = (a + b for a, b in zip(self.finger.place, panel.at, strict=False))
-        seen = self.finger.screen.picture()[top:, left:]
-        cells = [
-            (slice(rect.top, rect.bottom), slice(rect.left, rect.right)) for _, rect in panel.cells
-        ]
-        return not any(
-            (abs(drawn[cell].min(axis=-1).astype(int) - seen[cell].min(axis=-1)) > OTHER).any()
-            for cell in cells
-        )
-
-    def wait_for(self, mm: float, checks: bool = False) -> ItemPanel:
-        """The panel, once it offers to accept that distance."""
-        panel = self.panel(mm, checks)
-        self.world.wait_for(lambda: self._shows(panel), f"{mm:g} mm")
-        return panel
-
-    def ended(self) -> str:
-        out, err = self.process.communicate(timeout=60)
-        assert self.process.returncode == 0, err
-        return out
-
-
-@needs_xdotool
-def test_calibrate_by_eyes_by_the_mouse_alone(world: World, screen: Screen) -> None:
-    calibration = Calibration(world, screen)
-    finger = calibration.finger
-    finger.touch(calibration.wait_for(560), "alpha+")
-    finger.touch(calibration.wait_for(570), "enter")
-    finger.touch(calibration.wait_for(770, checks=True), "enter")
-    out = calibration.ended()
-    assert "at a distance of 570 mm" in out and "measured at 770 mm" in out
-
-
-@needs_xdotool
-def test_calibrate_by_eyes_by_keys_alone(world: World, screen: Screen) -> None:
-    calibration = Calibration(world, screen)
-    calibration.wait_for(560)
-    world.xdotool("key", "6", "1", "BackSpace", "0", "0")
-    calibration.wait_for(600)
-    world.xdotool("key", "Return")
-    calibration.wait_for(800, checks=True)
-    world.xdotool("key", "Prior")
-    calibration.wait_for(600)
-    world.xdotool("key", "Return")
-    calibration.wait_for(800, checks=True)
-    world.xdotool("key", "Escape")
-    out = calibration.ended()
-    assert "at a distance of 600 mm" in out and "off by" not in out, "the check is skipped"
+    assert not distance.take(Event("enter")), "what is not its own is for others"

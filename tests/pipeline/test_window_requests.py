@@ -1,25 +1,16 @@
-"""What the window asks the supervisor for: settings that stay, and the desktop's file dialog."""
+"""What the window asks the supervisor for: settings that stay, the measured camera, and folders."""
 
-import os
 from pathlib import Path
 
 import pytest
 import zmq
 
 from lfpipe.transport import control
-from tests.support.world import World, answer_of, connected, write_scene
+from tests.support.world import World, answer_of, connected
 
 
 @pytest.mark.live
-def test_supervisor_keeps_settings_and_loads_the_dialog_choice(
-    world: World, scene: Path, tmp_path: Path
-) -> None:
-    other = write_scene(tmp_path / "other", 1, 5)
-    zenity = tmp_path / "bin" / "zenity"
-    zenity.parent.mkdir()
-    zenity.write_text(f"#!/bin/sh\necho {other}\n")
-    zenity.chmod(0o755)
-    world.env["PATH"] = f"{zenity.parent}:{os.environ['PATH']}"
+def test_supervisor_keeps_settings_and_lists_folders(world: World, scene: Path) -> None:
     world.shows(scene)
     keep = {"v": 1, "cmd": "keep", "section": "render", "values": {"swap_eyes": True}}
     with connected(world.session_dir) as client:
@@ -41,5 +32,13 @@ def test_supervisor_keeps_settings_and_loads_the_dialog_choice(
         assert settings.read_text() == "[render]\nswap_eyes = true\n"
         wrong = answer({**keep, "values": {"swap_eyes": 5}}, "keep")
         assert not wrong["ok"] and "swap_eyes" in str(wrong["error"])
-        assert "pack" in answer({"cmd": "dialog", "folder": True}, "dialog")
-    assert world.ask(cmd="hello")["options"]["scene"]["name"] == "other"
+        assert answer({"v": 1, "cmd": "keep", "focal_px": 555.5}, "keep")["focal_px"] == 555.5
+        assert "[demo]\nfocal_px = 555.5\nwidth_px = 640" in (
+            settings.with_name("cameras.toml").read_text()
+        )
+        assert world.monitor()["config"]["camera"]["focal_px"] == 555.5
+        refused = answer({"v": 1, "cmd": "keep", "focal_px": 5.0}, "keep")
+        assert not refused["ok"] and "not stored" in str(refused["error"])
+        listed = answer({"v": 1, "cmd": "folder", "path": str(scene)}, "folder")
+        assert listed["path"] == str(scene) and not listed["folders"]
+        assert set(listed["files"]) == {path.name for path in scene.glob("*.png")}

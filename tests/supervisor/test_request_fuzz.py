@@ -19,7 +19,7 @@ from tests.support.world import World
 Message = dict[str, Any]
 COUNT = int(os.environ.get("LFPIPE_FUZZ", "400"))
 AS_STAGE = 20  # every so many requests come from a client with the name of a stage
-LEFT_OUT = ("stop", "dialog")  # they do what they are asked, whatever else they say
+LEFT_OUT = ("stop",)  # it does what it is asked, whatever else it says
 NUMBERS = [0, 1, -1, 2**63 - 1, -(2**63), 2**64 - 1, 1e-300, 1e308, 0.5]
 NOT_FINITE = [float("nan"), float("inf"), float("-inf")]
 TEXTS = ["", "\0", "/", "//", "a" * 5000, "\x1b[2J", "\udcff", "auto", "warp", "60", "x" * 65_000]
@@ -51,6 +51,8 @@ def valid(scene: Path) -> list[Message]:
         {"cmd": "record", "path": ""},
         {"cmd": "keep", "section": "render", "values": {"swap_eyes": False}},
         {"cmd": "keep", "depth": "asked"},
+        {"cmd": "keep", "focal_px": 600.0},
+        {"cmd": "folder", "path": str(scene)},
         {"cmd": "costs", "ns_per_px": {"warp": 7.0}, "picture_px": 512, "cores": 2},
         {"cmd": "executed", "number": 1, "ok": True, "error": "", "path": "/x"},
         {"cmd": "share", "start": "osc:127.0.0.1:9", "stop": ""},

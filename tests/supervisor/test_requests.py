@@ -12,16 +12,16 @@ from hypothesis import given, settings
 
 from lfpipe.config import Scene, SceneSummary, user_file
 from lfpipe.config.modes import CameraViewer, MouseViewer, NoViewer, Window
+from lfpipe.config.user_files import camera_file
 from lfpipe.errors import UserError
 from lfpipe.render.ui.actions import ACTIONS
 from lfpipe.scene.open_scene import PackerRequest
-from lfpipe.supervisor.file_checks import FileCheck
+from lfpipe.supervisor.file_checks import START, FileCheck
 from lfpipe.supervisor.process_table import SCORER
 from lfpipe.supervisor.requests import (
     REMOTE_ACTIONS,
     Reply,
     commands,
-    on_chosen,
     on_complete,
     on_load,
     respond,
@@ -134,7 +134,10 @@ REFUSED: list[tuple[str, Message, str, list[Message]]] = [
             )
         ],
     ),
-    ("dialog", {}, "needs `folder`", [{}, {"folder": 1}]),
+    ("keep", {}, "not a number of px", [{"focal_px": wrong} for wrong in ("auto", -1, True, None)]),
+    ("keep", {}, "not stored", [{"focal_px": 60.0}, {"focal_px": 2000.0}]),
+    ("keep", {"viewer": MouseViewer()}, "no camera is in use", [{"focal_px": 600.0}]),
+    ("folder", {}, "absolute path", [{"path": wrong} for wrong in ("x", "", 5, "/x\0", None)]),
 ]
 
 
@@ -225,9 +228,9 @@ def test_respond_changes_the_option_that_is_named(
     )
 
 
-def test_only_the_window_keeps_settings_and_opens_dialogs() -> None:
+def test_only_the_window_keeps_settings_and_lists_folders() -> None:
     keep = {"cmd": "keep", "section": "render", "values": {"swap_eyes": True}}
-    for message in (keep, {"cmd": "dialog", "folder": True}):
+    for message in (keep, {"cmd": "folder", "path": "/f"}):
         for sender in ("", "track", "monitor"):
             with pytest.raises(BadMessage, match="only the window"):
                 respond(made_state(), message, 0, sender)
@@ -243,16 +246,24 @@ def test_only_the_window_keeps_settings_and_opens_dialogs() -> None:
     assert respond_checked(made_state(), depth, {}, 0) == Reply(answer={"depth": "yes"})
 
 
-def test_on_chosen_loads_the_path_unless_the_dialog_was_cancelled() -> None:
-    asked = {"cmd": "dialog", "folder": True}
-    assert respond(made_state(), asked, 0, "render") == Reply(dialog="folder")
-    message, reply = on_chosen(asked, "")
-    assert message == asked and reply(made_state()) == Reply(answer={"path": ""})
-    message, reply = on_chosen(asked, "/b")
-    load = respond(made_state(**LIST), {"cmd": "load", "scene": "/b"}, 0)
-    assert reply(made_state(**LIST)) == load
-    loaded = on_load(made_state(**LIST), message, SCENE)
-    assert loaded.state is not None and loaded.state.options.playlist_at == 1
+def test_a_folder_is_listed_by_a_child() -> None:
+    for more, path in (({}, START), ({"path": "/f"}, "/f")):
+        message = {"cmd": "folder", **more}
+        check = FileCheck(check="folder", path=path)
+        assert respond(made_state(), message, 0, "render") == Reply(check=check)
+        found = {"path": "/f", "folders": [], "files": ["a.mp4"], "more": 0}
+        assert respond_checked(made_state(), message, found, 0) == Reply(answer=found)
+
+
+def test_a_measured_camera_is_stored_by_a_child_and_then_in_use() -> None:
+    message = {"cmd": "keep", "focal_px": 612.5}
+    values = {"focal_px": 612.5, "width_px": 640}
+    path = str(camera_file())
+    check = FileCheck(check="keep focal", path=path, source="demo", values=values)
+    assert check.writes and respond(made_state(), message, 0, "render") == Reply(check=check)
+    reply = respond_checked(made_state(), message, {}, 0)
+    assert reply.answer == {"focal_px": 612.5} and reply.state is not None
+    assert reply.state.config.camera.focal_px == 612.5
 
 
 def test_on_load_takes_the_scenes_of_a_folder_as_the_playlist() -> None:
@@ -323,9 +334,17 @@ def test_a_client_may_press_some_keys_of_the_window() -> None:
     for name, state, why in (
         ("record", made_state(viewer=NoViewer()), "single view"),
         ("glasses", made_state(display=Window(lock_code="code")), "locked"),
+        ("calibrate", made_state(display=Window(lock_code="code")), "locked"),
+        ("calibrate", made_state(viewer=MouseViewer()), "no camera"),
     ):
         with pytest.raises(UserError, match=why):
             respond(state, {"cmd": "action", "name": name}, 0)
+    at = {"name": "calibrate", "value": 560.0}
+    reply = respond(made_state(), {"cmd": "action", **at}, 0)
+    assert reply == Reply(executed_by=("render",), sent=at)
+    for value in ("560", -1, True, None):
+        with pytest.raises(BadMessage, match="action: value"):
+            respond(made_state(), {"cmd": "action", **at, "value": value}, 0)
     for wrong in ("quit", ["record"], None):
         with pytest.raises(BadMessage, match="action: name"):
             respond(made_state(), {"cmd": "action", "name": wrong}, 0)

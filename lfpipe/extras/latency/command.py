@@ -5,10 +5,10 @@ from collections.abc import Callable
 from typing import Any
 
 from lfpipe.capture.open_source import camera_name
-from lfpipe.cli.calibrate import store
 from lfpipe.cli.options import with_config
 from lfpipe.cli.terminal import print_result
 from lfpipe.config import Config, user_file
+from lfpipe.config.user_files import write_keys
 from lfpipe.extras.latency.calibration import measure_device_latency
 from lfpipe.render.display.monitors import device_latency_conditions
 
@@ -34,7 +34,7 @@ def _measure(camera: str | None, config: Config, **_: Any) -> None:
     here = device_latency_conditions(
         datetime.date.today().isoformat(), name, config.camera, monitor
     )
-    store(
+    write_keys(
         user_file(),
         "render",
         {"device_latency_ms": device_latency_ms, "device_latency_measured": here},

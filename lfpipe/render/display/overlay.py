@@ -35,6 +35,8 @@ class Item:
     """Reported for a click; without a name: nothing happens."""
     key: str = ""
     """The key that does the same, shown below the label."""
+    icon: str = ""
+    """Of `lfpipe.render.ui.look.ICONS`, shown above the label."""
     picture: NDArray[np.uint8] | None = attrs.field(default=None, eq=id)
     """Shown above the label: uint8 (height, width, 3 or 4) RGB or RGBA."""
     slider: float | None = None

@@ -345,7 +345,8 @@ class ScreenWindow(Display):
         """Moves the pointer; what a click or a touch means."""
         before = self._at_shown()
         if native.type == pygame.MOUSEWHEEL and not self.pointer.right:
-            self._zoom.turn(native.y, before)
+            if self._view.mouse(native, self._at_px()) is None:
+                self._zoom.turn(native.y, before)
             return None
         self._point(native)
         at_px = self._at_px()

@@ -2,7 +2,6 @@
 key.
 """
 
-import math
 import time
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -10,6 +9,7 @@ from pathlib import Path
 
 import platformdirs
 
+from lfpipe.config.modes import Window, is_measurable
 from lfpipe.render.display.file_display import save
 from lfpipe.render.display.overlay import Event
 from lfpipe.render.ui.controller import Ui
@@ -20,7 +20,6 @@ from lfpipe.render.ui.recording import user_folder
 
 Action = Callable[[Ui, Event], None]
 ALPHA_FACTOR = 1.1  # hardly visible at once, twice the parallax in seven steps
-GHOST_STEP = 5.0  # %: the smallest visible change
 
 
 def _request(command: str, ui: Ui, _event: Event, **values: object) -> None:
@@ -63,13 +62,16 @@ def _look(ui: Ui, event: Event) -> None:
     ui.context.request("viewer", source=camera if event.text == "camera" else event.text)
 
 
-def _arrow(ui: Ui, _event: Event, step: float) -> None:
-    """Adjusts ghost compensation while the glasses test is open, else shows another scene."""
-    if ui.page is not ui.glasses_test:
-        ui.scenes.step(int(math.copysign(1, step)))
-    else:
-        ghost = ui.context.config.render.ghost_compensation + step
-        ui.settings.set(ghost_compensation=min(max(ghost, 0.0), 100.0))
+def _calibrate(ui: Ui, event: Event) -> None:
+    """Opens the page, or closes it. With a distance as its value, it opens it there."""
+    options = ui.context.options
+    if not is_measurable(options.viewer) or not isinstance(options.display, Window):
+        ui.notices.show("calibrate", "no camera is in use: press v to choose one")
+        return
+    if event.value:
+        ui.close_page()
+        ui.calibration.begin_at(event.value)
+    ui.open_page(ui.calibration)
 
 
 def _save_picture(ui: Ui, _event: Event) -> None:
@@ -91,11 +93,13 @@ ACTIONS: Mapping[str, Action] = {
     # pages
     "overlay": lambda ui, _: ui.open_page(ui.metrics_page),
     "help": lambda ui, _: ui.open_page(ui.help_page),
+    "open": lambda ui, _: ui.open_page(ui.folder_page),
     "choose": lambda ui, _: ui.open_page(ui.scene_page),
     "which": lambda ui, _: ui.open_page(ui.glasses_question),
     "who": lambda ui, _: ui.open_page(ui.viewer_page),
     "look": _look,
     "glasses": lambda ui, _: ui.open_page(ui.glasses_test),
+    "calibrate": _calibrate,
     "close": lambda ui, _: ui.close_page(),
     # settings
     "mode": lambda ui, _: ui.settings.next_mode(),
@@ -109,15 +113,10 @@ ACTIONS: Mapping[str, Action] = {
     DEPTH: lambda ui, event: ui.settings.set(alpha_px="auto", depth=event.value),
     # glasses
     "wear": _wear,
-    "more": partial(_arrow, step=GHOST_STEP),
-    "less": partial(_arrow, step=-GHOST_STEP),
     GHOST: lambda ui, event: ui.settings.set(ghost_compensation=round(100 * event.value)),
     # scenes and recordings
     "load": _load,
-    "delete": lambda ui, event: ui.scene_page.forget(event.text),
-    "next": lambda ui, _: ui.scenes.step(1),
-    "previous": lambda ui, _: ui.scenes.step(-1),
-    "open": partial(_request, "dialog", folder=True),
-    "open-file": partial(_request, "dialog", folder=False),
+    **dict.fromkeys(("next", "more"), lambda ui, _: ui.scenes.step(1)),
+    **dict.fromkeys(("previous", "less"), lambda ui, _: ui.scenes.step(-1)),
     "record": lambda ui, _: ui.recording.toggle(),
 }

@@ -8,11 +8,13 @@ from collections.abc import Callable, Mapping
 
 import attrs
 
-from lfpipe.config.modes import Window
+from lfpipe.config.modes import Window, is_measurable
 from lfpipe.render.display.display import Display
 from lfpipe.render.display.open_display import HINT
 from lfpipe.render.display.overlay import Event, Item, Overlay, Pointer
 from lfpipe.render.presenter import Presenter
+from lfpipe.render.ui.calibration import CalibrationPage
+from lfpipe.render.ui.folders import FolderPage
 from lfpipe.render.ui.keys import CLOSING, DEPTH, bar_items
 from lfpipe.render.ui.notices import (
     VIEWERS,
@@ -68,8 +70,10 @@ class Ui:
         self.scenes = SceneLoader(context, self.notices)
         self.recording = RecordingIndicator(context, self.notices)
         self.scene_page = ScenePage(context)
+        self.folder_page = FolderPage(context)
         self.metrics_page = MetricsPage(context, viewer, presenter)
         self.help_page = Help()
+        self.calibration = CalibrationPage(context, presenter)
         self.viewer_page = ViewerPage(context)
         self.glasses_question = GlassesQuestion(context)
         self.glasses_test = GlassesTest(context, presenter, self.settings)
@@ -96,6 +100,8 @@ class Ui:
         options = self.context.options
         if options.start:
             return self.scene_page
+        if options.calibrate_mm:
+            return self.calibration
         is_demo = viewer_kind(options.viewer) == "demo" and self.viewer.field.name in NAMES
         can_choose = isinstance(options.display, Window) and not options.lock_code
         return RecordedFace() if is_demo and can_choose else None
@@ -125,10 +131,10 @@ class Ui:
             self.presenter.redraw()
         self._set_overlay(t_ns)
 
-    def act(self, name: str) -> str:
+    def act(self, name: str, value: float = 0.0) -> str:
         """Does what the key of an action does, and returns what the window says to it."""
         before = self.notices.newest
-        self._do(Event(name))
+        self._do(Event(name, value=value))
         if self.page is self.glasses_test:
             return self.page.overlay(now_ns()).lines[0]
         newest = self.notices.newest
@@ -136,6 +142,8 @@ class Ui:
 
     def _do(self, event: Event) -> None:
         self.presenter.redraw()
+        if self.page is not None and self.page.take(event):
+            return
         if event.name in CLOSING and not (self.page and self.page.stays):
             self.close_page()
         if event.name in self._actions:
@@ -143,13 +151,17 @@ class Ui:
 
     def handle(self, answer: Answer) -> None:
         """Handles the answer to a request of the window."""
-        if answer.cmd in ("load", "dialog") or not answer.ok:
+        if answer.cmd == "folder":
+            self.folder_page.show(answer)
+        if answer.cmd == "load" or not answer.ok:
             self.scenes.handle(answer)
         elif answer.cmd == "viewer":
             who = viewer_name(self.context.options.viewer)
             self.notices.show("viewer", LOOKING.get(who, f"viewer: {who}"))
         elif answer.cmd == "keep" and "values" in answer.values:
             self.notices.show("kept", self.settings.kept_text(answer.values["values"]))
+        elif answer.cmd == "keep" and "focal_px" in answer.values:
+            self.calibration.stored()
 
     def open_page(self, page: Page) -> None:
         """Opens a page instead of the current one; closes it if it is open."""
@@ -213,6 +225,8 @@ class Ui:
         without = set() if len(options.playlist) > 1 or options.start else {"choose"}
         if not options.viewer.tracked:
             without.add("record")
+        if not is_measurable(options.viewer):
+            without.add("calibrate")
         if field.rows * field.cols == 1:
             without |= {DEPTH, "invert-depth", "recentre", "which"}
         return bar_items(

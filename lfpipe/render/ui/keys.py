@@ -24,8 +24,7 @@ DEPTH = "depth"  # the slider of the bar: 0 for comfort to 1 for true depth
 GROUPS = {
     "Scene": (
         Key("Tab", "choose", "choose a scene", "Scenes"),
-        Key("l", "open", "open a folder of views", "Open folder"),
-        Key("i", "open-file", "open a file", "Open file"),
+        Key("l", "open", "open a folder or file (i)", "Open"),
         Key("PgDn PgUp", "next previous", "next, previous scene (→ ←)"),
     ),
     "View": (
@@ -33,6 +32,7 @@ GROUPS = {
         Key("v", "who", "choose who looks", "Viewer"),
         Key("+ -", "alpha+ alpha-", "more, less parallax", "Depth"),
         Key("d", "invert-depth", "swap near and far", "Near/far"),
+        Key("k", "calibrate", "calibrate the camera", "Calibrate"),
         Key("c", "recentre", "centre on where you are", "Centre"),
         Key("p", "freeze", "pause, resume (space)", "Pause|Resume"),
         Key("f", "fullscreen", "full screen (F11, Esc)", "Full screen"),
@@ -70,7 +70,7 @@ TIPS = {event: row.help for row, event in _EVENTS.items()} | {DEPTH: "from comfo
 GROUP_OF = {_EVENTS[row]: group for group, rows in GROUPS.items() for row in rows if row.label}
 LABELS = {event: tuple(row.label.split("|")) for row, event in _EVENTS.items()}
 # entries of the bar that close a page; the others open another one
-CLOSING = set(LABELS) - {"choose", "which", "who", "help", "overlay"}
+CLOSING = set(LABELS) - {"choose", "open", "which", "who", "calibrate", "help", "overlay"}
 
 
 @lru_cache(2)

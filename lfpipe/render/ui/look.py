@@ -105,11 +105,14 @@ ICONS = {  # event, or the kind of viewer -> drawing
     '<rect x="3" y="13" width="8" height="8" rx="1"/>'
     '<rect x="13" y="13" width="8" height="8" rx="1"/>',
     "open": _FOLDER,
-    "open-file": _FILM,
+    "file": _FILM,
+    "up": '<path d="M12 20V5M5 12l7-7 7 7"/>',
     "which": '<circle cx="6.5" cy="13" r="4"/><circle cx="17.5" cy="13" r="4"/>'
     '<path d="M10.5 13h3M2.5 13l1-5M21.5 13l-1-5"/>',
     "who": '<path d="M2 12s4-6 10-6 10 6 10 6-4 6-10 6S2 12 2 12z"/>'
     '<circle cx="12" cy="12" r="2.5"/>',
+    "calibrate": '<path d="M4 8V4h4M16 4h4v4M20 16v4h-4M8 20H4v-4"/>'
+    '<circle cx="12" cy="10" r="3"/><path d="M7 17a5 3.5 0 0 1 10 0"/>',
     "invert-depth": '<path d="M7 4v14M4 15l3 3 3-3M17 20V6M14 9l3-3 3 3"/>',
     "recentre": '<circle cx="12" cy="12" r="3"/><path d="M12 2v4M12 18v4M2 12h4M18 12h4"/>',
     "freeze": '<path d="M9 5v14M15 5v14"/>',

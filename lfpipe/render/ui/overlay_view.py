@@ -23,7 +23,6 @@ from lfpipe.render.ui.look import (
     BORDER,
     CARD,
     CONTROL_UNITS,
-    ICONS,
     NOT_LIT,
     OFF,
     RED,
@@ -48,6 +47,7 @@ KEY_ACTIONS = ACTION_OF | {
     "=": "alpha+",
     " ": "freeze",
     "?": "help",
+    "i": "open",
     "enter": "enter",
     "left": "less",
     "right": "more",
@@ -59,7 +59,9 @@ PAGES = (("◀", "pageup"), ("▶", "pagedown"))  # labels and keys of the previ
 PRESSED_OR_NOT = (pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP)
 EDGE_PX = 12  # from the window's edge
 GAP_PX = 4  # between two notices
-MIN_TEXT_PX = 12  # still legible
+MIN_TEXT_PX = 16  # of a line: its letters have 12 px, which are still legible
+MIN_MENU_PX = 12  # of a menu in a window below 450 px, where all items are to be reached
+COLUMN_UNITS = 4  # between two columns of text
 # of the window that lines of text may take: the picture below stays visible
 TEXT_SHARE = 0.94
 HEADING = 1.25  # size of a heading over that of its text
@@ -273,12 +275,12 @@ def menu_panel(
 ) -> ItemPanel:
     """The page with the selected item, in the middle of a window of that size, below top_px."""
     width, height = (round(MENU_SHARE * side) for side in (window_px[0], window_px[1] - top_px))
-    text_px = max(MIN_TEXT_PX, min(text_px, width // 26))
+    text_px = max(MIN_MENU_PX, min(text_px, width // 26))
     letters, unit = font(text_px), unit_px(text_px)
     line = letters.get_linesize()
     count = len(menu.items)
     pad = 2 * unit
-    title = font(round(HEADING * text_px)).render(menu.title, True, TEXT)
+    title = font(round(HEADING * text_px)).render(drawable(menu.title), True, TEXT)
     number = f"{selected + 1} of {count}"
     side = CONTROL_UNITS * unit
     hint = letters.render(menu.hint, True, SECOND, None, width - 2 * pad)
@@ -358,8 +360,8 @@ def _draw_tile(
     text = text.subsurface((0, 0, text.get_width(), min(text.get_height(), room.height)))
     surface.blit(text, text.get_rect(midbottom=room.midbottom))
     space = room.width, max(1, room.height - text.get_height() - unit)
-    if item.event.text in ICONS:
-        drawing = icon(item.event.text, min(space) // 2, TEXT)
+    if item.icon:
+        drawing = icon(item.icon, min(space) // 2, TEXT)
         surface.blit(drawing, drawing.get_rect(center=(room.centerx, room.top + space[1] // 2)))
     if item.picture is not None:
         rows, cols, channels = item.picture.shape
@@ -397,14 +399,15 @@ def _block(
     return surface
 
 
-def _columns(blocks: Sequence[pygame.Surface], cols: int, gap: int) -> list[pygame.Rect]:
+def _columns(blocks: Sequence[pygame.Surface], cols: int, unit: int) -> list[pygame.Rect]:
     """The places of blocks in one column or two of about the same height."""
+    gap = 2 * unit
     half = sum(block.get_height() + gap for block in blocks) / cols
     rects = list[pygame.Rect]()
     x = y = 0
     for block in blocks:
         if y and y + block.get_height() / 2 > half:
-            x, y = max(rect.right for rect in rects) + 3 * gap, 0
+            x, y = max(rect.right for rect in rects) + COLUMN_UNITS * unit, 0
         rects.append(block.get_rect(topleft=(x, y)))
         y += block.get_height() + gap
     return rects
@@ -437,10 +440,10 @@ def text_panel(
         cross_px = CONTROL_UNITS * unit if text.lines else 0
         keys = [line.partition("\t")[0] for line in lines if "\t" in line]
         key_px = max((badge(key, letters, unit).get_width() for key in keys), default=-unit) + unit
-        wrap_px = int(room[0] - 2 * pad - cross_px)
-        blocks = [_block(part, letters, key_px, wrap_px) for part in sections]
-        for cols in (1, 2) if len(blocks) > 1 else (1,):
-            places = _columns(blocks, cols, 2 * unit)
+        for cols in (1, 2) if len(sections) > 1 else (1,):
+            wrap_px = int(room[0] - 2 * pad - cross_px - (cols - 1) * COLUMN_UNITS * unit) // cols
+            blocks = [_block(part, letters, key_px, wrap_px) for part in sections]
+            places = _columns(blocks, cols, unit)
             body = pygame.Rect.unionall(places[0], places[1:])
             width = body.width + 2 * pad + cross_px
             height = max(body.height, cross_px - unit) + 2 * pad
@@ -657,6 +660,10 @@ class OverlayView:
 
     def mouse(self, event: pygame.Event, at_px: Place) -> Event | None:
         """The event of the mouse or a touch. at_px: the pointer."""
+        if event.type == pygame.MOUSEWHEEL:
+            if self._menu is None:
+                return None
+            return self.key("pageup" if event.y > 0 else "pagedown") or NO_EVENT
         at_once = at_px[1] >= self._edge_px or event.type in PRESSED_OR_NOT
         self._bar_from_s = time.monotonic() + (0.0 if at_once else REST_S)
         self._over = next(

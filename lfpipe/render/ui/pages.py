@@ -25,6 +25,7 @@ RECORDED_FACE = Overlay(
         Item("Use the mouse", Event("look", "mouse")),
     ),
 )
+GHOST_STEPS = {"more": 5.0, "less": -5.0}  # by event, %: the smallest visible change
 CHECKED = ("swap_eyes", "ghost_compensation")  # what a test of glasses may change
 
 
@@ -44,6 +45,10 @@ class Page:
 
     def close(self) -> None:
         """Called when the page closes."""
+
+    def take(self, event: Event) -> bool:
+        """Handles an event of its own; returns whether it was one."""
+        return False
 
     def overlay(self, t_ns: int) -> Overlay:
         """The overlay at t_ns."""
@@ -93,7 +98,7 @@ class ViewerPage(Page):
 
 @lru_cache(1)
 def _viewer_menu(kind: str) -> Menu:
-    items = tuple(Item(label, Event("look", word)) for word, label in VIEWERS.items())
+    items = tuple(Item(label, Event("look", word), icon=word) for word, label in VIEWERS.items())
     at = list(VIEWERS).index(kind) if kind in VIEWERS else 0
     return Menu("Who looks?", "Click, or use the arrows and Enter.", items, at)
 
@@ -136,6 +141,13 @@ class GlassesTest(Page):
         self._settings.keep(
             {name: now[name] for name in CHECKED if now[name] != getattr(self._before, name)}
         )
+
+    def take(self, event: Event) -> bool:
+        """The arrows change ghost compensation."""
+        if event.name in GHOST_STEPS:
+            ghost = self._context.config.render.ghost_compensation + GHOST_STEPS[event.name]
+            self._settings.set(ghost_compensation=min(max(ghost, 0.0), 100.0))
+        return event.name in GHOST_STEPS
 
     def overlay(self, t_ns: int) -> Overlay:
         lines, items = instructions(self._context.config.render)

@@ -91,7 +91,7 @@ class SceneLoader:
             for text in (answer.error, answer.remedy):
                 lines += textwrap.wrap(text, LINE_CHARS)[:MAX_LINES]
             self._notices.show("refused", "\n".join(lines), REFUSED_NS)
-        if answer.cmd in ("load", "dialog"):
+        if answer.cmd == "load":
             self._asked = ""
 
     def report(self, news: Message) -> None:
@@ -210,11 +210,15 @@ class ScenePage(Page):
         """Whether a scene is of our own making: it is always there."""
         return Path(scene).is_relative_to(cache_root(self._context.config.scene))
 
-    def forget(self, scene: str) -> None:
-        """Takes a scene off the start page; the demos stay, and so do all files."""
+    def take(self, event: Event) -> bool:
+        """Delete takes a scene off the start page; the demos stay, and so do all files."""
+        scene = event.text
+        if event.name != "delete":
+            return False
         if self._context.options.start and scene in self._scenes and not self._is_own(scene):
             self._scenes.remove(scene)
             forget_scene(Path(scene))
+        return True
 
     def overlay(self, t_ns: int) -> Overlay:
         is_tracked = self._context.options.viewer.tracked

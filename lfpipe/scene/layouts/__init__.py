@@ -19,7 +19,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header, read_picture
 from lfpipe.host.machine import install_command
 from lfpipe.plugins import LAYOUTS, Guarded, PluginError, Results, array, loaded, skipped
-from lfpipe.scene.files import VIDEOS, Listing, is_picture, library_errors, list_scene
+from lfpipe.scene.files import HOLDS_ALL, Listing, is_picture, library_errors, list_scene
 from lfpipe.scene.layouts._candidates import Candidate, ranked
 from lfpipe.scene.layouts._folders import inner_listing, note_of
 from lfpipe.scene.layouts._grid import GRID_REMEDY, parse_grid, some
@@ -121,7 +121,6 @@ _CONVERTED = {  # files that other programs convert to pictures, by suffix
     ),
     (".zip", ".tar", ".gz", ".rar", ".7z"): ("an archive", "unpack it and give the folder"),
 }
-_HOLDS_ALL = (".npy", ".npz", ".mat", ".h5", ".hdf5", *VIDEOS)  # files that may be scenes
 _BESIDE = (  # files that accompany views without describing them
     ".txt",
     ".md",
@@ -273,7 +272,7 @@ def _checked(
         names = listing.names or listing.folders
         some = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
         remedy = "give the folder of the views, or one file that contains them all by its own path"
-        if single := [name for name in listing.names if name.lower().endswith(_HOLDS_ALL)]:
+        if single := [name for name in listing.names if name.lower().endswith(HOLDS_ALL)]:
             remedy = f"give {listing.folder / single[0]}"
         if listing.pictures():
             remedy = GRID_REMEDY

@@ -1,0 +1,247 @@
+"""The page that measures the camera's focal length by the distance of the viewer's eyes (key k),
+and the measurement itself, which `lfpipe calibrate` shares.
+"""
+
+import math
+from collections import deque
+from collections.abc import Collection, Sequence
+
+import attrs
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.config.camera_pose import camera_focal_px
+from lfpipe.eyes import EYES, EyesRecord
+from lfpipe.render.display.overlay import Event, Item, Overlay
+from lfpipe.render.presenter import Drawing, Presenter, draw_scene
+from lfpipe.render.synthesis.compositor import Key
+from lfpipe.render.ui.pages import Page
+from lfpipe.render.viewer.viewer import Viewer
+from lfpipe.transport.context import Context
+from lfpipe.transport.ring import Reader
+
+NEAREST_MM, FARTHEST_MM, USUAL_MM = 100, 5000, 600.0
+STEP_MM = 10  # as exact as a person keeps a distance
+SLIDER_MM = 300, 1500  # usual seats
+STEPS = {"alpha-": -STEP_MM, "less": -STEP_MM, "alpha+": STEP_MM, "more": STEP_MM}  # by event
+MEASURED_FRAMES = 45  # with a face: one and a half seconds
+SPREAD = 0.05  # limit of the interquartile range as a share of the median: the viewer moved
+CHECK_MM = 200  # between the two distances: enough to tell an error of a few percent
+RING = 1.6  # radius over the distance of the eyes: around the face
+BELOW = 0.45  # of the preview's height: the lines and buttons lie there
+# BGR, the eyes as the lenses of most glasses
+GREY, RED, ACCENT, BACK = (110, 110, 110), (90, 90, 255), (215, 196, 53), (26, 21, 18)
+ACCEPT = Item("Accept", Event("enter"), "Enter")
+AGAIN = Item("Again", Event("previous"), "PgUp")
+CANCEL = Item("Cancel", Event("close"), "Esc")
+
+
+@attrs.define
+class Distance:
+    """A distance to type, to step or to slide."""
+
+    text: str
+    is_new: bool = attrs.field(default=True, init=False)
+    """Whether the next digit begins another number."""
+
+    @property
+    def mm(self) -> float:
+        return float(self.text or 0)
+
+    @property
+    def is_possible(self) -> bool:
+        return NEAREST_MM <= self.mm <= FARTHEST_MM
+
+    def set(self, mm: float) -> None:
+        self.text = f"{min(max(mm, NEAREST_MM), FARTHEST_MM):g}"
+        self.is_new = True
+
+    def take(self, event: Event) -> bool:
+        """Follows an event; returns whether it is one of its own."""
+        if event.name in STEPS:
+            self.set(self.mm + STEPS[event.name])
+        elif event.name == "distance":
+            low, high = SLIDER_MM
+            self.set(low + round(event.value * (high - low) / STEP_MM) * STEP_MM)
+        elif event == Event("type", "backspace"):
+            self.text = self.text[:-1]
+            self.is_new = False
+        elif event.name == "type":
+            self.text = (("" if self.is_new else self.text) + event.text)[: len(str(FARTHEST_MM))]
+            self.is_new = False
+        else:
+            return False
+        return True
+
+    @property
+    def items(self) -> tuple[Item, ...]:
+        low, high = SLIDER_MM
+        at = min(max((self.mm - low) / (high - low), 0.0), 1.0)
+        return (
+            Item("Nearer", Event("alpha-"), "-"),
+            Item(f"{self.text or '_'} mm", Event("distance"), slider=at),
+            Item("Farther", Event("alpha+"), "+"),
+        )
+
+
+def median_of(eye_distance_px: Collection[float]) -> tuple[float, bool]:
+    """The median of distances (0 if there are none), and whether the viewer was still enough."""
+    low, median, high = np.percentile(list(eye_distance_px) or [0.0], (25, 50, 75)).tolist()
+    return median, high - low <= SPREAD * median > 0
+
+
+class StillEyes:
+    """Eye distances in px while the head is still."""
+
+    def __init__(self) -> None:
+        self._px: deque[float] = deque(maxlen=MEASURED_FRAMES)
+        self.restless = 0  # frames since the ring was full
+        self.has_face = self.seen = False
+
+    def add(self, eye_distance_px: float | None) -> None:
+        """Takes the distance in the next frame, None without a face."""
+        self.has_face = eye_distance_px is not None
+        if eye_distance_px is not None:
+            self.seen = True
+            self._px.append(eye_distance_px)
+            if not median_of(self._px)[1]:
+                self._px.clear()
+        self.restless = 0 if self.share == 1.0 else self.restless + 1
+
+    @property
+    def share(self) -> float:
+        """How much of the measurement is done."""
+        return len(self._px) / MEASURED_FRAMES
+
+    @property
+    def median_px(self) -> float:
+        return median_of(self._px)[0]
+
+
+def mirrored(
+    picture: NDArray[np.uint8], eyes_px: Sequence[Sequence[float]], still: float
+) -> NDArray[np.uint8]:
+    """A mirrored picture with the left and the right eye, and a ring around them of which the
+    share `still` is full; without eyes, the picture alone.
+    """
+    drawn = np.ascontiguousarray(picture[:, ::-1])
+    if not eyes_px:
+        return drawn
+    eyes = [(round(drawn.shape[1] - 1 - x), round(y)) for x, y in eyes_px]
+    middle = np.mean(eyes, axis=0).round().astype(int).tolist()
+    radius_px = round(RING * math.dist(*eyes))
+    for share, colour in ((1.0, GREY), (still, ACCENT)):
+        size = (radius_px, radius_px)
+        cv2.ellipse(drawn, middle, size, 0, -90, 360 * share - 90, colour, 4, cv2.LINE_AA)
+    for eye, colour in zip(eyes, (RED, ACCENT), strict=True):
+        cv2.circle(drawn, eye, max(4, radius_px // 12), colour, 2, cv2.LINE_AA)
+    return drawn
+
+
+def calibration_page(
+    distance: Distance, ready: bool, has_face: bool, off_mm: float | None = None
+) -> Overlay:
+    """The lines and buttons. off_mm: by how much the stored measurement is off at this distance;
+    None: nothing is stored yet.
+    """
+    checks = off_mm is not None
+    task = "Look into the camera; set how far it is away."
+    state = "Hold still until the ring is full." if has_face else "No face: sit in good light."
+    if off_mm is not None:
+        task = "Stored. To check it, sit farther or nearer, and set that distance."
+        if ready:
+            state = f"Measured {distance.mm + off_mm:.0f} mm, off by {off_mm:+.0f} mm."
+    elif ready:
+        state = "Measured. Accept it."
+    # each keeps its place, so a double click on Accept does not hit another one
+    ends = (
+        attrs.evolve(ACCEPT, off=checks or not ready),
+        attrs.evolve(AGAIN, off=not checks),
+        attrs.evolve(CANCEL, label="Done") if checks else CANCEL,
+    )
+    return Overlay(lines=(task, state), items=(*distance.items, *ends), types=True)
+
+
+class CalibrationPage(Page):
+    """The camera's mirrored picture in place of the scene, and the distance to set. Accept asks to
+    store the focal length; then the page shows by how much it is off at another distance.
+    """
+
+    def __init__(self, context: Context, presenter: Presenter) -> None:
+        self._context = context
+        self._presenter = presenter
+        self._distance = Distance(f"{context.options.calibrate_mm or USUAL_MM:g}")
+        self._stored_mm = 0.0  # the accepted distance; 0: none yet
+        self._eyes = StillEyes()
+        self._rings = list[Reader]()
+        self._record = np.zeros((), EYES)
+        width_px, height_px = context.config.camera.frame_px
+        self._frame: NDArray[np.uint8] = np.zeros((height_px, width_px, 3), np.uint8)
+
+    def open(self) -> None:
+        segment = self._context.spec.session.segment
+        self._rings = [Reader(segment("frames")), Reader(segment("eyes"))]
+        self._begin(self._distance.mm)
+        self._presenter.draw_by(self._draw)
+
+    def close(self) -> None:
+        self._presenter.draw_by(draw_scene)
+        if self._stored_mm:
+            self._distance.set(self._stored_mm)
+        while self._rings:
+            self._rings.pop().close()
+
+    def begin_at(self, mm: float) -> None:
+        """Sets the distance before the page opens."""
+        self._distance.set(mm)
+
+    def _begin(self, mm: float, stored_mm: float = 0.0) -> None:
+        """Measures at a distance, to store it or to check what is stored."""
+        self._distance.set(mm)
+        self._stored_mm = stored_mm
+        self._eyes = StillEyes()
+
+    def stored(self) -> None:
+        """Called when the supervisor has stored what was accepted."""
+        if not self._stored_mm and self._rings:
+            self._begin(self._distance.mm + CHECK_MM, self._distance.mm)
+
+    @property
+    def _is_ready(self) -> bool:
+        return self._eyes.share == 1.0 and self._distance.is_possible
+
+    def take(self, event: Event) -> bool:
+        if event == ACCEPT.event:
+            if self._is_ready and not self._stored_mm:
+                eyes_mm = self._context.config.screen.eyes_mm
+                focal_px = round(self._eyes.median_px * self._distance.mm / eyes_mm, 1)
+                self._context.request("keep", focal_px=focal_px)
+        elif event == AGAIN.event:
+            self._begin(self._stored_mm or self._distance.mm)
+        else:
+            return self._distance.take(event)
+        return True
+
+    def overlay(self, t_ns: int) -> Overlay:
+        frames, eyes = self._rings
+        if frames.read(self._frame) is not None:
+            self._presenter.redraw()
+        if eyes.read(self._record) is not None:
+            seen = EyesRecord.of(self._record)
+            distance_px = seen.eye_distance_px or math.dist(seen.raw_px[:2], seen.raw_px[2:])
+            self._eyes.add(distance_px if seen.face else None)
+        off_mm = None
+        if self._stored_mm:
+            config = self._context.config
+            px_mm = camera_focal_px(config, self._frame.shape[1]) * config.screen.eyes_mm
+            off_mm = px_mm / max(self._eyes.median_px, 1.0) - self._distance.mm
+        return calibration_page(self._distance, self._is_ready, self._eyes.has_face, off_mm)
+
+    def _draw(self, _viewer: Viewer, _key: Key) -> Drawing:
+        eyes_px = self._record["raw_px"].tolist() if self._eyes.has_face else []
+        drawn = mirrored(self._frame, eyes_px, self._eyes.share)
+        below_px = round(BELOW * drawn.shape[0])
+        edges = (0, below_px, 0, 0)
+        framed = cv2.copyMakeBorder(drawn, *edges, cv2.BORDER_CONSTANT, value=BACK)
+        return Drawing(np.asarray(framed, np.uint8), None)
