@@ -19,6 +19,7 @@ import numpy as np
 from lfpipe.config import Render, Scene
 from lfpipe.render.display.overlay import Event, Item, Menu, Overlay
 from lfpipe.render.display.window_system import pygame
+from lfpipe.render.ui.calibration import Distance, calibration_page
 from lfpipe.render.ui.glasses import glasses_menu, instructions
 from lfpipe.render.ui.keys import HELP
 from lfpipe.render.ui.overlay_view import ItemPanel, menu_panel, text_panel
@@ -39,7 +40,8 @@ def _menu(finger: Finger, menu: Menu) -> ItemPanel:
 
 
 def _text(finger: Finger, text: Overlay) -> ItemPanel:
-    return text_panel(text, finger.bar().at[1], finger.size_px, finger.text_px)
+    shown = Overlay(lines=text.lines, items=text.items)
+    return text_panel(shown, finger.bar().at[1], finger.size_px, finger.text_px)
 
 
 def _test(finger: Finger) -> ItemPanel:
@@ -85,7 +87,15 @@ def walk(finger: Finger, scenes: Sequence[Path]) -> Iterator[str]:
     finger.use_bar("invert-depth")
     yield "near-and-far"
     finger.use_bar("open")
-    yield "no-dialog"
+    time.sleep(3.0)
+    yield "folder"
+    finger.use_bar("calibrate")
+    time.sleep(3.0)
+    yield "calibrate"
+    finger.touch(_text(finger, calibration_page(Distance("600"), True, True)), "enter")
+    time.sleep(3.0)
+    yield "calibrated"
+    finger.touch(_text(finger, calibration_page(Distance("800"), True, True, 0.0)), "close")
     finger.use_bar("fullscreen")
     yield "full-screen"
     finger.use_bar("which")

@@ -20,7 +20,7 @@ from lfpipe.live.estimator import Estimator
 from lfpipe.live.records import pairs_in_need
 from lfpipe.render.display.open_display import has_display
 from lfpipe.render.display.overlay import Overlay
-from lfpipe.render.ui.calibration import ACCEPT, CANCEL, Distance, StillEyes
+from lfpipe.render.ui.calibration import ACCEPT, Distance, StillEyes
 from lfpipe.track.make_engine import make_engine
 
 PATIENCE_FRAMES = 600  # without a still face before giving up: 20 s at 30 Hz
@@ -127,14 +127,14 @@ def by_card(config: Config, camera: str | None, distance_mm: float) -> tuple[flo
                 freeze = attrs.evolve(ACCEPT, label="Freeze", off=not distance.is_possible)
                 page = Overlay(
                     lines=("Set the distance of the card from the camera, and hold it there.",),
-                    items=(*distance.items, freeze, CANCEL),
+                    items=(*distance.items, freeze),
                     types=True,
                 )
             else:
                 state = f"{card_px:.1f} px wide. Accept it, or click to start again."
                 page = Overlay(
                     lines=(state if card_px else EDGES[len(clicks) % 2],),
-                    items=(attrs.evolve(ACCEPT, off=not card_px), CANCEL),
+                    items=(attrs.evolve(ACCEPT, off=not card_px),),
                 )
             window.overlay(page)
             window.show(crossed(picture, clicks))

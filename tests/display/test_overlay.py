@@ -1,6 +1,7 @@
 """The overlay of the window: what keys, clicks and touches on it mean, at any size of window."""
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import SimpleNamespace
 
 import attrs
@@ -14,6 +15,10 @@ from lfpipe.config import choices
 from lfpipe.render.display.display import Display
 from lfpipe.render.display.overlay import NO_EVENT, Event, Item, Menu, Overlay
 from lfpipe.render.display.window import TEXT_PX
+from lfpipe.render.display.window_system import font
+from lfpipe.render.ui import overlay_view
+from lfpipe.render.ui.calibration import Distance, calibration_page
+from lfpipe.render.ui.folders import folder_menu
 from lfpipe.render.ui.glasses import KINDS, glasses_menu
 from lfpipe.render.ui.keys import ACTION_OF, DEPTH, HELP, KEYS, bar_items
 from lfpipe.render.ui.look import NOT_LIT
@@ -45,6 +50,10 @@ class Screened(OverlayView):
         return next(
             panel for panel in self.panels(self.size, max(22, self.size[1] // 50)) if panel.cells
         )
+
+    @property
+    def bar_top_px(self) -> int:
+        return bar_panel(BAR, NOT_LIT, self.size, max(22, self.size[1] // 50)).top_px
 
     def move(self, kind: int, x: int, y: int) -> Event | None:
         return self.mouse(SimpleNamespace(type=kind, button=1), (x, y))  # type: ignore[arg-type]
@@ -117,8 +126,10 @@ def test_bar_entry_that_the_session_lacks_does_nothing() -> None:
         Overlay(lines=HELP),
         Overlay(lines=("30.0 Hz", "age of the picture 21 ms")),
         Overlay(lines=("does each eye see its letter?",), items=(Item("Done", Event("glasses")),)),
+        calibration_page(Distance("600"), True, True, 7.0),
+        Overlay(menu=folder_menu(Path("/home"), ["views"], ["film.mp4"], 7)),
     ],
-    ids=["menu", "help", "metrics", "test"],
+    ids=["menu", "help", "metrics", "test", "calibration", "folder"],
 )
 def test_notices_and_pages_leave_the_bar_free(size: tuple[int, int], page: Overlay) -> None:
     notices = ("CPU overloaded: picture quality reduced",)
@@ -129,6 +140,40 @@ def test_notices_and_pages_leave_the_bar_free(size: tuple[int, int], page: Overl
     assert {item.event for item, _ in bar.cells} == {item.event for item in BAR}
     small = size == SIZES[0]  # no room for all of them there
     assert small or all(panel.bottom_px <= top_px for panel in others)
+
+
+@pytest.mark.parametrize("size", [(320, 240), (342, 342), (512, 512), (800, 600), (1280, 800)])
+def test_help_shows_every_key_in_legible_letters(
+    size: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sizes = list[int]()
+
+    def recorded(size_px: int) -> pygame.font.Font:
+        sizes.append(size_px)
+        return font(size_px)
+
+    monkeypatch.setattr(overlay_view, "font", recorded)
+    overlay_view.text_panel.cache_clear()
+    screened = Screened(size, Overlay(lines=HELP, bar=BAR))
+    firsts = list[int]()
+    for turn in ("pagedown", "pageup"):
+        while not firsts or screened._firsts[-1] != firsts[-1]:
+            firsts.append(screened._firsts[-1])
+            panel = screened.draw()
+            area = pygame.Rect(0, 0, size[0], screened.bar_top_px)
+            assert area.contains(panel.surface.get_rect(topleft=panel.at))
+            assert panel.page == len(HELP) or firsts[-1] + panel.page <= len(HELP)
+            for rect in (
+                rect.move(panel.at) for item, rect in panel.cells if item.event.name == turn
+            ):
+                assert screened.click(*rect.center) is None
+        if turn == "pagedown":
+            assert firsts[-1] + panel.page == len(HELP), "all lines are reached"
+            firsts.append(-1)
+    assert firsts[-1] == 0
+    assert min(sizes) >= 16, "letters of 12 px"
+    # one page is enough where there is room for it
+    assert set(firsts) == {-1, 0} or size[0] <= 512
 
 
 SOURCES = {"white": 255, "black": 0, "noise": None}
@@ -146,6 +191,8 @@ def test_letters_contrast_with_any_picture(source: str, lit: bool) -> None:
         Overlay(lines=HELP, bar=BAR, scene="still life", step="measuring depth, 40 %"),
         Overlay(menu=glasses_menu("mono"), bar=BAR, notices=("camera lost, trying again",)),
         Overlay(lines=("a line",), items=(Item("Done", Event("glasses"), "g"),), bar=BAR),
+        attrs.evolve(calibration_page(Distance("600"), True, True), bar=BAR),
+        Overlay(menu=folder_menu(Path("/home"), ["views"], ["film.mp4"], 7), bar=BAR),
     ):
         screened = Screened(size, overlay)
         panels = screened.panels(size, TEXT_PX)

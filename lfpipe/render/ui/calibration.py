@@ -29,12 +29,11 @@ MEASURED_FRAMES = 45  # with a face: one and a half seconds
 SPREAD = 0.05  # limit of the interquartile range as a share of the median: the viewer moved
 CHECK_MM = 200  # between the two distances: enough to tell an error of a few percent
 RING = 1.6  # radius over the distance of the eyes: around the face
-BELOW = 0.45  # of the preview's height: the lines and buttons lie there
+BELOW = 0.4  # of the preview's height: the lines and buttons lie there
 # BGR, the eyes as the lenses of most glasses
 GREY, RED, ACCENT, BACK = (110, 110, 110), (90, 90, 255), (215, 196, 53), (26, 21, 18)
 ACCEPT = Item("Accept", Event("enter"), "Enter")
 AGAIN = Item("Again", Event("previous"), "PgUp")
-CANCEL = Item("Cancel", Event("close"), "Esc")
 
 
 @attrs.define
@@ -79,9 +78,9 @@ class Distance:
         low, high = SLIDER_MM
         at = min(max((self.mm - low) / (high - low), 0.0), 1.0)
         return (
-            Item("Nearer", Event("alpha-"), "-"),
+            Item("", Event("alpha-"), "-"),
             Item(f"{self.text or '_'} mm", Event("distance"), slider=at),
-            Item("Farther", Event("alpha+"), "+"),
+            Item("", Event("alpha+"), "+"),
         )
 
 
@@ -146,21 +145,18 @@ def calibration_page(
     None: nothing is stored yet.
     """
     checks = off_mm is not None
-    task = "Look into the camera; set how far it is away."
+    task = "Look into the camera; set its distance."
     state = "Hold still until the ring is full." if has_face else "No face: sit in good light."
     if off_mm is not None:
-        task = "Stored. To check it, sit farther or nearer, and set that distance."
+        task = "Stored. To check it, move, and set the distance."
         if ready:
             state = f"Measured {distance.mm + off_mm:.0f} mm, off by {off_mm:+.0f} mm."
     elif ready:
         state = "Measured. Accept it."
     # each keeps its place, so a double click on Accept does not hit another one
-    ends = (
-        attrs.evolve(ACCEPT, off=checks or not ready),
-        attrs.evolve(AGAIN, off=not checks),
-        attrs.evolve(CANCEL, label="Done") if checks else CANCEL,
-    )
-    return Overlay(lines=(task, state), items=(*distance.items, *ends), types=True)
+    accept = attrs.evolve(ACCEPT, off=checks or not ready)
+    again = attrs.evolve(AGAIN, off=not checks)
+    return Overlay(lines=(task, state), items=(*distance.items, accept, again), types=True)
 
 
 class CalibrationPage(Page):

@@ -7,7 +7,7 @@ equal calls of a panel's function in a row return the same panel.
 import math
 import string
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 import attrs
@@ -55,13 +55,14 @@ KEY_ACTIONS = ACTION_OF | {
     "pageup": "previous",
 }
 DIGITS = frozenset(string.digits)
-PAGES = (("◀", "pageup"), ("▶", "pagedown"))  # labels and keys of the previous and next page
+TURNS = Item("◀", Event("pageup")), Item("▶", Event("pagedown"))  # to other pages, as the keys do
 PRESSED_OR_NOT = (pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP)
 EDGE_PX = 12  # from the window's edge
 GAP_PX = 4  # between two notices
 MIN_TEXT_PX = 16  # of a line: its letters have 12 px, which are still legible
 MIN_MENU_PX = 12  # of a menu in a window below 450 px, where all items are to be reached
 COLUMN_UNITS = 4  # between two columns of text
+COLUMN_LETTERS = 6  # least width of a column over the height of its lines: two words
 # of the window that lines of text may take: the picture below stays visible
 TEXT_SHARE = 0.94
 HEADING = 1.25  # size of a heading over that of its text
@@ -82,7 +83,7 @@ class ItemPanel(Panel):
     cols: int = 1
     """Columns of a menu."""
     page: int = 1
-    """Items on one page of a menu."""
+    """Items of a menu, or lines of text, on one page."""
 
     def cell(self, place: Place) -> Cell | None:
         """The item at a place of the window, and its rectangle in the window."""
@@ -322,8 +323,8 @@ def menu_panel(
         places = (x, x + side + words.get_width() + 2 * unit)
         surface.blit(words, words.get_rect(midleft=(x + side + unit, buttons[0][1].centery)))
         buttons += [
-            (Item(label, Event(key)), pygame.Rect(left, unit // 2, side, side))
-            for (label, key), left in zip(PAGES, places, strict=True)
+            (turn, pygame.Rect(left, unit // 2, side, side))
+            for turn, left in zip(TURNS, places, strict=True)
         ]
     for item, rect in buttons:
         _draw_button(surface, letters, item, rect, lit, unit)
@@ -413,6 +414,21 @@ def _columns(blocks: Sequence[pygame.Surface], cols: int, unit: int) -> list[pyg
     return rects
 
 
+def _attempts(
+    lines: tuple[str, ...], text_px: int, first: int
+) -> Iterator[tuple[int, int, tuple[str, ...]]]:
+    """The size of letters, the number of columns, and the lines, in the order of trials: all lines,
+    smaller and smaller, then a part of the keys, beginning with the line `first`.
+    """
+    if not first:
+        for size_px in range(text_px, MIN_TEXT_PX - 1, -1):
+            for cols in (1, 2) if "" in lines else (1,):
+                yield size_px, cols, lines
+    if "" in lines:
+        for count in range(len(lines) - first, 0, -1):
+            yield MIN_TEXT_PX, 1, lines[first : first + count]
+
+
 @lru_cache(16)
 def text_panel(
     text: Overlay,
@@ -421,10 +437,12 @@ def text_panel(
     text_px: int,
     top_px: int = EDGE_PX,
     lit: Lit = NOT_LIT,
+    first: int = 0,
 ) -> ItemPanel:
     """The lines of text with a cross, its items and its inset, or else its notices, between top_px
     and bottom_px: at the left, in the middle if the lines have keys, and at the bottom if there are
-    items or notices. Letters are smaller if they do not fit.
+    items or notices. Letters are smaller if they do not fit. Then keys are on several pages; first:
+    the line that this one begins with.
 
     White on black is the same for both eyes, so text lies in the plane of the screen through any
     glasses. The inset is omitted if it does not fit.
@@ -432,35 +450,34 @@ def text_panel(
     lines = text.lines or text.notices
     has_keys = any("\t" in line for line in lines)
     at_bottom = not text.lines or bool(text.items)
-    sections = [part.split("\n") for part in "\n".join(lines).split("\n\n")]
     room = TEXT_SHARE * (window_px[0] - 2 * EDGE_PX), bottom_px - top_px - EDGE_PX
-    for size_px in range(text_px, MIN_TEXT_PX - 1, -1):
+    for size_px, cols, shown in _attempts(lines, text_px, first):
+        sections = [part.split("\n") for part in "\n".join(shown).strip("\n").split("\n\n")]
+        items = (*text.items, *(TURNS if len(shown) < len(lines) else ()))
         letters, unit = font(size_px), unit_px(size_px)
         pad = 2 * unit if text.lines else unit
         cross_px = CONTROL_UNITS * unit if text.lines else 0
         keys = [line.partition("\t")[0] for line in lines if "\t" in line]
         key_px = max((badge(key, letters, unit).get_width() for key in keys), default=-unit) + unit
-        for cols in (1, 2) if len(sections) > 1 else (1,):
-            wrap_px = int(room[0] - 2 * pad - cross_px - (cols - 1) * COLUMN_UNITS * unit) // cols
-            blocks = [_block(part, letters, key_px, wrap_px) for part in sections]
-            places = _columns(blocks, cols, unit)
-            body = pygame.Rect.unionall(places[0], places[1:])
-            width = body.width + 2 * pad + cross_px
-            height = max(body.height, cross_px - unit) + 2 * pad
-            widths = [_button_px(item, letters, unit) for item in text.items]
-            rects = _flow(widths, round(room[0] - 2 * pad), CONTROL_UNITS * unit, unit)
-            if rects:
-                row = pygame.Rect.unionall(rects[0], rects[1:])
-                width, height = max(width, row.width + 2 * pad), height + row.height + unit
-            if width <= room[0] and height <= room[1]:
-                break
+        wrap_px = int(room[0] - 2 * pad - cross_px - (cols - 1) * COLUMN_UNITS * unit) // cols
+        wrap_px = max(wrap_px, key_px + COLUMN_LETTERS * size_px)
+        blocks = [_block(part, letters, key_px, wrap_px) for part in sections]
+        places = _columns(blocks, cols, unit)
+        body = pygame.Rect.unionall(places[0], places[1:])
+        width = body.width + 2 * pad + cross_px
+        height = max(body.height, cross_px - unit) + 2 * pad
+        widths = [_button_px(item, letters, unit) for item in items]
+        rects = _flow(widths, round(room[0] - 2 * pad), CONTROL_UNITS * unit, unit)
+        if rects:
+            row = pygame.Rect.unionall(rects[0], rects[1:])
+            width, height = max(width, row.width + 2 * pad), height + row.height + unit
         if width <= room[0] and height <= room[1]:
             break
     top = pad + (max(body.height, cross_px - unit) - body.height) // 2
     blits = [(block, place.move(pad, top)) for block, place in zip(blocks, places, strict=True)]
     cells = [
         (item, rect.move(pad, height - pad - row.height))
-        for item, rect in zip(text.items, rects, strict=True)
+        for item, rect in zip(items, rects, strict=True)
     ]
     if text.inset is not None and height + text.inset.shape[0] + pad <= room[1]:
         inset = pygame.image.frombuffer(text.inset.tobytes(), text.inset.shape[1::-1], "BGR")
@@ -476,7 +493,7 @@ def text_panel(
     x = (window_px[0] - width) // 2 if has_keys or at_bottom else EDGE_PX
     middle = top_px + max(0, room[1] - height) // 2 if has_keys else top_px
     at = x, bottom_px - height - EDGE_PX if at_bottom else middle
-    return ItemPanel(surface=surface, at=at, cells=cells)
+    return ItemPanel(surface=surface, at=at, cells=cells, page=len(shown))
 
 
 @lru_cache(2)
@@ -537,6 +554,8 @@ class OverlayView:
         self._bar_from_s = math.inf  # when the bar appears, for BAR_S
         self._edge_px = 0  # pointer motion below shows the bar or keeps it
         self._menu: ItemPanel | None = None
+        self._lines = 0  # of text, on the page that is shown
+        self._firsts = [0]  # the first lines of the pages of text up to the one that is shown
 
     def set(self, overlay: Overlay) -> None:
         """Replaces the overlay."""
@@ -548,6 +567,8 @@ class OverlayView:
                 if old is None or old.title != menu.title
                 else min(self._at, len(menu.items) - 1)
             )
+        if overlay.lines != self._overlay.lines:
+            self._firsts, self._lines = [0], len(overlay.lines)
         self._overlay = overlay
 
     @property
@@ -582,8 +603,10 @@ class OverlayView:
             top_px = EDGE_PX
             if not overlay.items:
                 top_px = max((corner.bottom_px + GAP_PX for corner in corners), default=EDGE_PX)
-            lit = self._lit_of(CLOSE, *overlay.items)
-            pages.append(text_panel(page, bar_top_px, window_px, text_px, top_px, lit))
+            lit = self._lit_of(CLOSE, *overlay.items, *TURNS)
+            place = bar_top_px, window_px, text_px, top_px
+            pages.append(text_panel(page, *place, lit, self._firsts[-1]))
+            self._lines = pages[0].page
             bottom_px = pages[0].top_px if overlay.items else bottom_px
         items = () if overlay.lines else overlay.items
         for notice in reversed(overlay.notices):
@@ -595,8 +618,7 @@ class OverlayView:
         self._menu = None
         if overlay.menu is not None:
             area_px = window_px[0], min(bar_top_px, bottom_px)
-            turns = [Item(label, Event(key)) for label, key in PAGES]
-            lit = self._lit_of(CLOSE, *turns, *overlay.menu.items)
+            lit = self._lit_of(CLOSE, *TURNS, *overlay.menu.items)
             corners = corners[:1] if overlay.recording else []
             top_px = max((corner.bottom_px for corner in corners), default=0)
             self._menu = menu_panel(overlay.menu, self._at, area_px, text_px, lit, top_px)
@@ -637,6 +659,13 @@ class OverlayView:
             return Event("close" if covered else "leave-fullscreen")
         if self._overlay.types and (key in DIGITS or key == "backspace"):
             return Event("type", key)
+        first, count = self._firsts[-1], len(self._overlay.lines)
+        if menu is None and self._lines < count and key in ("pageup", "pagedown"):
+            if key == "pageup":
+                self._firsts = self._firsts[:-1] or [0]
+            elif first + self._lines < count:
+                self._firsts.append(first + self._lines)
+            return None
         panel = self._menu
         if menu is None or not menu.items or panel is None:
             return _action(key)
