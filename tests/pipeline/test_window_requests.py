@@ -41,4 +41,5 @@ def test_supervisor_keeps_settings_and_lists_folders(world: World, scene: Path) 
         assert not refused["ok"] and "not stored" in str(refused["error"])
         listed = answer({"v": 1, "cmd": "folder", "path": str(scene)}, "folder")
         assert listed["path"] == str(scene) and not listed["folders"]
-        assert set(listed["files"]) == {path.name for path in scene.glob("*.png")}
+        names = {path.name for path in scene.glob("*.png")}
+        assert isinstance(listed["files"], list) and set(listed["files"]) == names
