@@ -6,7 +6,7 @@ Writes: the display of option "display"; the trace of option "trace"; the last p
 "still"; without a camera, ring "eyes" from the mouse; for a live scene, ring "viewpoints".
 Commands: recentre, loading (progress), stop; settings and another scene by configuration, a lowered
 quality by option "level".
-Asks: set, keep, costs, recentre, load, dialog, previews, pause, resume, record, stop (events of the
+Asks: set, keep, costs, recentre, load, folder, previews, pause, resume, record, stop (events of the
 window).
 Emits: parallax (alpha and its reasons), viewer (nobody, arriving, seated, lost, exchanged), notice
 (an output was lost).

@@ -267,6 +267,22 @@ def test_menu_of_several_pages_is_turned_by_touch(size: tuple[int, int]) -> None
     assert {item.event for item in items} <= reached
 
 
+def test_wheel_turns_the_pages_of_a_menu_and_is_for_the_picture_without_one() -> None:
+    items = tuple(Item(f"scene {number}", Event("load", str(number))) for number in range(99))
+    screened = Screened((1280, 800), Overlay(menu=Menu("Choose a scene", "a hint", items)))
+
+    def turned(steps: int) -> Event | None:
+        event = SimpleNamespace(type=pygame.MOUSEWHEEL, y=steps)
+        return screened.mouse(event, (640, 400))  # type: ignore[arg-type]
+
+    page = screened.draw().page
+    for steps, at in ((-1, page), (-1, 2 * page), (1, page), (1, 0), (1, 0)):
+        assert turned(steps) == NO_EVENT
+        assert screened.draw() and screened.key("enter") == items[at].event
+    screened.set(Overlay())
+    assert screened.panels((1280, 800), 22) == [] and turned(-1) is None
+
+
 @settings(max_examples=20)
 @given(
     st.integers(1, 40),

@@ -1,6 +1,6 @@
 """The user interface of the window: the open page, the overlay, and one dispatch for all events.
 
-What an event does is a row of `lfpipe.render.ui.actions.ACTIONS`. Settings, files and dialogs are
+What an event does is a row of `lfpipe.render.ui.actions.ACTIONS`. Settings, files and folders are
 requests to the supervisor, so every stage gets a change, and nothing here waits for a disk.
 """
 
