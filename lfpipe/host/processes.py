@@ -126,6 +126,8 @@ class Activity:
     system does not count it."""
     on_disk: bool = False
     """Whether it waits for a disk or a network drive."""
+    stopped: bool = False
+    """Whether a signal has stopped it: it waits for nothing."""
 
 
 def activity(pid: int) -> Activity:
@@ -133,8 +135,13 @@ def activity(pid: int) -> Activity:
     waited_ns = 0
     with contextlib.suppress(OSError, ValueError, IndexError):
         waited_ns = int(Path(f"/proc/{pid}/schedstat").read_text().split()[1])
-    on_disk = _ask(pid, "status") == "disk-sleep"
-    return Activity(cpu_ns=cpu_ns(pid), waited_ns=waited_ns, on_disk=on_disk)
+    status = _ask(pid, "status")
+    return Activity(
+        cpu_ns=cpu_ns(pid),
+        waited_ns=waited_ns,
+        on_disk=status == "disk-sleep",
+        stopped=status == "stopped",
+    )
 
 
 def is_child(pid: int) -> bool:

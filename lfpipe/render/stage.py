@@ -135,6 +135,7 @@ class RenderStage:
         on_frames = self._lossless or self._config.render.clock == "camera"
         self._on_camera = on_frames and options.viewer.tracked
         self._display = self._open_display()
+        self._display.waiting = partial(context.busy_with, "waiting for the screen")
         self._gpu = self._open_gpu()
         with context.setting_up("opening the scene"):
             self._viewer = Viewer(

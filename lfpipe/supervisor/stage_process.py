@@ -26,7 +26,9 @@ logger = logging.getLogger(__name__)
 MAX_RESTARTS_WINDOW_S, MAX_FAILURES = 60.0, 5  # give up after five failures in a minute
 FIRST_BACKOFF_S = 0.1  # doubled from one failure to the next
 MAX_STACK = 4000  # characters reported
-BUSY_S = 60.0  # without a heartbeat: time for a disk to spin up, or for a network to return
+# without a heartbeat: time for a disk to spin up, for a network to return, or for a display server
+# that other programs overload
+BUSY_S = 60.0
 # multiple of these limits while it uses a CPU: on an emulator, one face search takes seconds
 COMPUTING = 5
 # CPU time without a heartbeat: on an emulator, one face search takes more than 10 s. In a lossless
@@ -122,10 +124,10 @@ class StageProcess:
         allows. Call often.
 
         Running: the stage's hang_timeout_s. Starting, or within `Context.setting_up`:
-        startup_timeout_s. Within `busy_with` and `saving`, or in the kernel's wait for a disk:
-        BUSY_S. While it computes, or waits for a core: COMPUTING times that, or until it has
-        computed for LIVE_CPU_S, in a lossless replay LOSSLESS_CPU_S. Otherwise stopping:
-        `wait_for_end` decides.
+        startup_timeout_s. Within `busy_with` and `saving`, unless a signal has stopped it, or in
+        the kernel's wait for a disk: BUSY_S. While it computes, or waits for a core: COMPUTING
+        times that, or until it has computed for LIVE_CPU_S, in a lossless replay LOSSLESS_CPU_S.
+        Otherwise stopping: `wait_for_end` decides.
         """
         if self.process is None or self._killed:
             return ""
@@ -143,12 +145,14 @@ class StageProcess:
         limit_s = BUSY_S if work else stage.hang_timeout_s
         if sets_up:
             limit_s = stage.startup_timeout_s
-        if silent_s <= limit_s / 2:
+        if silent_s <= min(limit_s, stage.hang_timeout_s) / 2:
             self._waited_ns = None
             return ""
         seen = activity(int(row["pid"]))
         if self._waited_ns is None:
             self._waited_ns = seen.waited_ns
+        if seen.stopped and not sets_up:
+            limit_s = stage.hang_timeout_s
         if silent_s <= limit_s:
             return ""
         cpu_s = (seen.cpu_ns - int(row["cpu_ns"])) / 1e9  # since its last output

@@ -4,15 +4,20 @@ a starved host.
 
 import itertools
 import os
+import shutil
 import signal
 import time
 from pathlib import Path
 from typing import Any
 
+import psutil
+import pytest
+
 from lfpipe.eyes import MAX_PREDICTION_S
 from lfpipe.supervisor.process_table import STAGES
 from lfpipe.transport.clock import SLEPT_NS, SleepWatch
 from tests.support.world import World
+from tests.support.xvfb_screen import x_server
 
 RATE_HZ = 30
 
@@ -104,3 +109,33 @@ def test_tracker_that_hangs_shows_nobody(world: World, scene: Path) -> None:
         os.kill(pid, signal.SIGCONT)
     assert lines[0]["t_composed_ns"] - lines[0]["t_sensor_ns"] < 0.7e9
     assert world.monitor()["prediction"]["max_ms"] <= 1.02e3 * MAX_PREDICTION_S
+
+
+@pytest.mark.native("stops a server of X")
+def test_render_waits_for_a_screen_that_hangs_and_not_for_itself(
+    world: World, scene: Path, tmp_path: Path
+) -> None:
+    if shutil.which("Xvfb") is None:
+        pytest.skip("apt-get install xvfb")
+    command = ["Xvfb", "-screen", "0", "640x480x24", "-fbdir", str(tmp_path), "-nocursor"]
+    with x_server(command, tmp_path) as name:
+        world.env["DISPLAY"] = name
+        world.shows(scene, display="window", pictures=10)
+        stage = world.monitor()["stages"]["render"]
+        children = (one for one in psutil.Process().children() if one.name() == "Xvfb")
+        server = max(children, key=psutil.Process.create_time)
+        server.suspend()
+        try:
+            world.wait_for(
+                lambda: "screen, 5 s" in world.monitor()["stages"]["render"]["busy_with"],
+                "longer than a stage may be silent",
+            )
+        finally:
+            server.resume()
+        world.more_pictures(10)
+        after = world.monitor()["stages"]["render"]
+        assert (after["pid"], after["restarts"]) == (stage["pid"], 0)
+        world.kill("render", signal.SIGSTOP)
+        world.wait_for(lambda: world.monitor()["stages"]["render"]["restarts"] == 1, "restart")
+        world.more_pictures(10)
+        world.ctl("stop")

@@ -42,7 +42,7 @@ class Script:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, **row: object) -> None:
         self.t_ns = 10**12
-        self.on_disk = False
+        self.on_disk = self.stopped = False
         self.cpu_ns = self.waited_ns = 0
         monkeypatch.setattr(stage_process, "now_ns", lambda: self.t_ns)
         monkeypatch.setattr(stage_process, "activity", self.activity)
@@ -56,7 +56,12 @@ class Script:
         self.process.hang_reason()
 
     def activity(self, pid: int) -> Activity:
-        return Activity(cpu_ns=self.cpu_ns, waited_ns=self.waited_ns, on_disk=self.on_disk)
+        return Activity(
+            cpu_ns=self.cpu_ns,
+            waited_ns=self.waited_ns,
+            on_disk=self.on_disk,
+            stopped=self.stopped,
+        )
 
     def after(
         self, seconds: float, beats: bool = False, share: float = 0.0, waits: float = 0.0
@@ -115,6 +120,15 @@ def test_hang_reason_waits_for_a_disk(
     script.on_disk = True
     assert script.after(BUSY_S) == "" and "no beat" in script.after(1)
     assert Script(monkeypatch, state=State.STOPPING).after(1000) == ""
+
+
+def test_hang_reason_gives_a_stopped_stage_no_time_for_its_work(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    script = Script(monkeypatch, busy_with=b"waiting for the screen")
+    assert script.after(BUSY_S / 2) == ""
+    script.stopped = True
+    assert "waiting for the screen: no beat" in script.after(0.1)
 
 
 def test_hang_reason_waits_for_a_stage_without_a_core(monkeypatch: pytest.MonkeyPatch) -> None:

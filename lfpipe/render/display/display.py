@@ -1,7 +1,8 @@
 """The base class of displays, which shows nothing, and that of `--display none`."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 
 import attrs
 import numpy as np
@@ -28,6 +29,8 @@ class Display:
     """The pointer, updated by `events`."""
     knows_rows = True
     """Whether it knows the screen rows of its pictures."""
+    waiting: Callable[[], AbstractContextManager[None]] = nullcontext
+    """Entered for calls in which the window system may keep the stage waiting."""
     fds: Sequence[int] | None = None
     """Descriptors that can be read when `events` has news; None if it must be asked at every
     refresh, or needs a picture then."""

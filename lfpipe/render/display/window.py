@@ -252,12 +252,14 @@ class ScreenWindow(Display):
             # the row of the screen on which the window begins, negative above its top
             first_row = 0 if self._fullscreen else self._window.position[1] - self.monitor.y
             picture = self._laid = arrange_stereo_pair(pair, how, window_px, first_row, self._laid)
-        self._painter.paint(picture, panels)
         self._handed += 1
         if self._presentation is not None:
             self._numbers[self._handed] = self._number
-            self._presentation.expect(self._handed)
-        self._painter.swap()
+        with self.waiting():
+            self._painter.paint(picture, panels)
+            if self._presentation is not None:
+                self._presentation.expect(self._handed)
+            self._painter.swap()
         if self._presentation is not None:
             self._presentation.handed_over(self._handed)
 
@@ -274,7 +276,8 @@ class ScreenWindow(Display):
         again = False
         self.pointer = attrs.evolve(self.pointer, wheel=0)
         zoom = attrs.evolve(self._zoom)
-        self._natives.extend(window_system.take_events())
+        with self.waiting():
+            self._natives.extend(window_system.take_events())
         while self._natives and not events:
             native = self._natives.popleft()
             if native.type in RESIZED:

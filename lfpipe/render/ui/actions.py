@@ -70,7 +70,7 @@ def _calibrate(ui: Ui, event: Event) -> None:
         return
     if event.value:
         ui.close_page()
-        ui.calibration.begin_at(event.value)
+        ui.calibration.distance.set(event.value)
     ui.open_page(ui.calibration)
 
 

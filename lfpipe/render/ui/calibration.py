@@ -167,7 +167,7 @@ class CalibrationPage(Page):
     def __init__(self, context: Context, presenter: Presenter) -> None:
         self._context = context
         self._presenter = presenter
-        self._distance = Distance(f"{context.options.calibrate_mm or USUAL_MM:g}")
+        self.distance = Distance(f"{context.options.calibrate_mm or USUAL_MM:g}")
         self._stored_mm = 0.0  # the accepted distance; 0: none yet
         self._eyes = StillEyes()
         self._rings = list[Reader]()
@@ -178,45 +178,41 @@ class CalibrationPage(Page):
     def open(self) -> None:
         segment = self._context.spec.session.segment
         self._rings = [Reader(segment("frames")), Reader(segment("eyes"))]
-        self._begin(self._distance.mm)
+        self._begin(self.distance.mm)
         self._presenter.draw_by(self._draw)
 
     def close(self) -> None:
         self._presenter.draw_by(draw_scene)
         if self._stored_mm:
-            self._distance.set(self._stored_mm)
+            self.distance.set(self._stored_mm)
         while self._rings:
             self._rings.pop().close()
 
-    def begin_at(self, mm: float) -> None:
-        """Sets the distance before the page opens."""
-        self._distance.set(mm)
-
     def _begin(self, mm: float, stored_mm: float = 0.0) -> None:
         """Measures at a distance, to store it or to check what is stored."""
-        self._distance.set(mm)
+        self.distance.set(mm)
         self._stored_mm = stored_mm
         self._eyes = StillEyes()
 
     def stored(self) -> None:
         """Called when the supervisor has stored what was accepted."""
         if not self._stored_mm and self._rings:
-            self._begin(self._distance.mm + CHECK_MM, self._distance.mm)
+            self._begin(self.distance.mm + CHECK_MM, self.distance.mm)
 
     @property
     def _is_ready(self) -> bool:
-        return self._eyes.share == 1.0 and self._distance.is_possible
+        return self._eyes.share == 1.0 and self.distance.is_possible
 
     def take(self, event: Event) -> bool:
         if event == ACCEPT.event:
             if self._is_ready and not self._stored_mm:
                 eyes_mm = self._context.config.screen.eyes_mm
-                focal_px = round(self._eyes.median_px * self._distance.mm / eyes_mm, 1)
+                focal_px = round(self._eyes.median_px * self.distance.mm / eyes_mm, 1)
                 self._context.request("keep", focal_px=focal_px)
         elif event == AGAIN.event:
-            self._begin(self._stored_mm or self._distance.mm)
+            self._begin(self._stored_mm or self.distance.mm)
         else:
-            return self._distance.take(event)
+            return self.distance.take(event)
         return True
 
     def overlay(self, t_ns: int) -> Overlay:
@@ -231,8 +227,8 @@ class CalibrationPage(Page):
         if self._stored_mm:
             config = self._context.config
             px_mm = camera_focal_px(config, self._frame.shape[1]) * config.screen.eyes_mm
-            off_mm = px_mm / max(self._eyes.median_px, 1.0) - self._distance.mm
-        return calibration_page(self._distance, self._is_ready, self._eyes.has_face, off_mm)
+            off_mm = px_mm / max(self._eyes.median_px, 1.0) - self.distance.mm
+        return calibration_page(self.distance, self._is_ready, self._eyes.has_face, off_mm)
 
     def _draw(self, _viewer: Viewer, _key: Key) -> Drawing:
         eyes_px = self._record["raw_px"].tolist() if self._eyes.has_face else []
