@@ -103,11 +103,15 @@ def _open_page(
     sets: tuple[str, ...],
 ) -> int:
     """Opens the page in the window of the session, or starts one with it; returns the exit code."""
-    if session_name in rundir.running() and isinstance(
-        snapshot(session_name).options.display, Window
-    ):
+    options = snapshot(session_name).options if session_name in rundir.running() else None
+    if options is not None and isinstance(options.display, Window):
+        if camera not in (None, options.viewer.source):
+            raise UserError(
+                f"--camera {camera}: the open window uses {options.viewer.source or 'another'}",
+                f"exchange it first: `lfpipe ctl --session {session_name} viewer {camera}`",
+            )
         rundir.ask(session_name, {"cmd": "action", "name": "calibrate", "value": distance_mm}, 3.0)
-        print_result("calibrate in the open window, with the camera that it uses")
+        print_result("calibrate in the open window")
         return 0
     from lfpipe.cli.launch import UpArguments, launch
 

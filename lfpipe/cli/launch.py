@@ -93,7 +93,7 @@ class UpArguments:
     start: bool = False
     """Whether to begin with thumbnails of the scenes."""
     calibrate_mm: float = 0.0
-    """Whether to begin with the page that measures the camera, and at which distance."""
+    """Begins with the page that measures the camera, at this distance; 0: does not."""
     extras: Mapping[str, tuple[str, ...]] = attrs.field(factory=dict)
     """Options of stages of other packages, by stage. These stages need eyes."""
     lock_code: str = ""

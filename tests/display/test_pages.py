@@ -135,6 +135,8 @@ def test_calibrate_asks_the_open_window_and_is_done_by_keys_alone(
         said = world.done("calibrate", "--distance", "700", "--session", world.name).stdout
         assert "in the open window" in said
         pages.calibration(700)
+    other = "calibrate", "--camera", "file:me.mp4", "--session", world.name
+    assert f"`lfpipe ctl --session {world.name} viewer file:me.mp4`" in world.refused(*other)
     world.xdotool("key", "6", "1", "BackSpace", "0", "0")
     pages.calibration(600)
     world.xdotool("key", "minus", "Right")
