@@ -151,6 +151,8 @@ class Ui:
 
     def handle(self, answer: Answer) -> None:
         """Handles the answer to a request of the window."""
+        if answer.cmd == "set":
+            self.settings.answered()
         if answer.cmd == "folder":
             self.folder_page.show(answer)
         if answer.cmd == "load" or not answer.ok:

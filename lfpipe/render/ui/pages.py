@@ -132,12 +132,12 @@ class GlassesTest(Page):
         self._before = context.config.render
 
     def open(self) -> None:
-        self._before = self._context.config.render
+        self._before = self._settings.render
         self._presenter.draw_by(draw_glasses_test)
 
     def close(self) -> None:
         self._presenter.draw_by(draw_scene)
-        now = attrs.asdict(self._context.config.render)
+        now = attrs.asdict(self._settings.render)
         self._settings.keep(
             {name: now[name] for name in CHECKED if now[name] != getattr(self._before, name)}
         )
@@ -145,7 +145,7 @@ class GlassesTest(Page):
     def take(self, event: Event) -> bool:
         """The arrows change ghost compensation."""
         if event.name in GHOST_STEPS:
-            ghost = self._context.config.render.ghost_compensation + GHOST_STEPS[event.name]
+            ghost = self._settings.render.ghost_compensation + GHOST_STEPS[event.name]
             self._settings.set(ghost_compensation=min(max(ghost, 0.0), 100.0))
         return event.name in GHOST_STEPS
 

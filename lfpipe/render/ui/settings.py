@@ -3,6 +3,9 @@ are kept.
 """
 
 from collections.abc import Collection
+from typing import Any
+
+import attrs
 
 from lfpipe.config import Render, choices
 from lfpipe.render.synthesis.zero_plane import zero_plane_px, zero_planes_px
@@ -23,12 +26,28 @@ class Settings:
     def __init__(self, context: Context, viewer: Viewer) -> None:
         self._context = context
         self._viewer = viewer
+        self._asked: dict[str, Any] = {}  # requested, and not yet applied
+        self._unanswered = 0
 
-    def set(self, **values: object) -> None:
+    @property
+    def render(self) -> Render:
+        """The settings as they will be: keys may follow each other faster than they are applied."""
+        return attrs.evolve(self._context.config.render, **self._asked)
+
+    def set(self, **values: Any) -> None:
         """Changes keys of [render] until the session ends."""
-        self._context.request(
-            "set", set={f"render.{name}": value for name, value in values.items()}
-        )
+        self._asked |= values
+        self._request({f"render.{name}": value for name, value in values.items()})
+
+    def answered(self) -> None:
+        """Takes the answer to a change: it is applied now, or refused."""
+        self._unanswered -= 1
+        if not self._unanswered:
+            self._asked.clear()
+
+    def _request(self, values: dict[str, Any]) -> None:
+        self._unanswered += 1
+        self._context.request("set", set=values)
 
     def keep(self, values: dict[str, float | bool | str]) -> None:
         """Saves keys of [render] in the person's settings."""
@@ -42,17 +61,17 @@ class Settings:
 
     def next_mode(self) -> None:
         """Switches to the next colour mode."""
-        at = MODES.index(self._context.config.render.anaglyph)
+        at = MODES.index(self.render.anaglyph)
         self.set(anaglyph=MODES[(at + 1) % len(MODES)])
 
     def swap_eyes(self) -> None:
         """Swaps the views of the eyes."""
-        self.set(swap_eyes=not self._context.config.render.swap_eyes)
+        self.set(swap_eyes=not self.render.swap_eyes)
 
     def invert_depth(self) -> None:
         """Inverts the depth of the scene."""
         word = "no" if self._viewer.field.depth_inverted else "yes"
-        self._context.request("set", set={"scene.invert_depth": word})
+        self._request({"scene.invert_depth": word})
 
     def automatic(self) -> None:
         """Makes depth and parallax automatic again."""
@@ -63,7 +82,7 @@ class Settings:
         """Moves the scene back (steps > 0) or forward."""
         field = self._viewer.field
         *_, step_px = zero_planes_px(field.disparity_min_px, field.disparity_max_px)
-        number = round(zero_plane_px(field, self._context.config.render) / step_px) + steps
+        number = round(zero_plane_px(field, self.render) / step_px) + steps
         self.set(zero_plane_px=round(number * step_px, 6))
 
     def scale_alpha(self, factor: float) -> None:
