@@ -89,14 +89,19 @@ def check(request: Message, _report: Report) -> Message:
 
 
 def _folder(path: str) -> Message:
-    """What there is to open in a folder; for START, in that of the last scene, or at home."""
+    """What there is to open in a folder; for START, in that of the last scene that is no demo, or
+    at home.
+    """
     from lfpipe.files.safe_files import reason
+    from lfpipe.host.files import exists
+    from lfpipe.scene.demo import MARKER
     from lfpipe.scene.files import HOLDS_ALL, PICTURES, entries, natural
     from lfpipe.scene.recent_scenes import recent_scenes
 
     folder = Path(path)
     if path == START:
-        folder = next((scene.parent for scene in recent_scenes()), Path.home())
+        own = (scene.parent for scene in recent_scenes() if not exists(scene / MARKER))
+        folder = next(own, Path.home())
     try:
         names, folders = entries(folder)
     except OSError as error:

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfpipe.errors import UserError
+from lfpipe.scene.demo import demo_scene
 from lfpipe.scene.recent_scenes import remember_scene
 from lfpipe.supervisor.check_service import CheckEvent, FileChecks
 from lfpipe.supervisor.control_sockets import Request
@@ -76,7 +77,8 @@ def test_folder_lists_what_there_is_to_open(
     monkeypatch.setenv("HOME", str(tmp_path / "b9"))
     assert listed(START)["path"] == str(tmp_path / "b9"), "at home"
     remember_scene(tmp_path / "film.mp4")
-    assert listed(START) == found, "where the last scene is"
+    remember_scene(demo_scene(tmp_path / "b10"))
+    assert listed(START) == found, "where the last scene is that is no demo"
     with pytest.raises(UserError, match="gone: cannot be read: No such file"):
         listed(str(tmp_path / "gone"))
 

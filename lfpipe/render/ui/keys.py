@@ -25,7 +25,7 @@ GROUPS = {
     "Scene": (
         Key("Tab", "choose", "choose a scene", "Scenes"),
         Key("l", "open", "open a folder or file (i)", "Open"),
-        Key("PgDn PgUp", "next previous", "next, previous scene (→ ←)"),
+        Key("PgDn PgUp", "next previous", "next, previous (→ ←)"),
     ),
     "View": (
         Key("e", "which", "choose your glasses", "Glasses"),
