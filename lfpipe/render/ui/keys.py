@@ -24,18 +24,18 @@ DEPTH = "depth"  # the slider of the bar: 0 for comfort to 1 for true depth
 GROUPS = {
     "Scene": (
         Key("Tab", "choose", "choose a scene", "Scenes"),
-        Key("l", "open", "open a folder or file (i)", "Open"),
-        Key("PgDn PgUp", "next previous", "next, previous (→ ←)"),
+        Key("l", "open", "open folder or file", "Open"),
+        Key("PgDn PgUp", "next previous", "next, previous"),
     ),
     "View": (
         Key("e", "which", "choose your glasses", "Glasses"),
         Key("v", "who", "choose who looks", "Viewer"),
         Key("+ -", "alpha+ alpha-", "more, less parallax", "Depth"),
         Key("d", "invert-depth", "swap near and far", "Near/far"),
-        Key("k", "calibrate", "calibrate the camera", "Calibrate"),
-        Key("c", "recentre", "centre on where you are", "Centre"),
-        Key("p", "freeze", "pause, resume (space)", "Pause|Resume"),
-        Key("f", "fullscreen", "full screen (F11, Esc)", "Full screen"),
+        Key("k", "calibrate", "calibrate camera", "Calibrate"),
+        Key("c", "recentre", "centre on you", "Centre"),
+        Key("p", "freeze", "pause, resume", "Pause|Resume"),
+        Key("f", "fullscreen", "full screen", "Full screen"),
         Key("] [", "depth+ depth-", "scene back, forward"),
         Key("a", "automatic", "automatic depth"),
         Key("m", "mode", "next colour mode"),
@@ -48,7 +48,7 @@ GROUPS = {
     ),
     "Help": (
         Key("o", "overlay", "rates and latency", "Metrics"),
-        Key("h", "help", "these keys (?)", "Help"),
+        Key("h", "help", "these keys", "Help"),
         Key("q", "quit", "quit"),
     ),
 }
