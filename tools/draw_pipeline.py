@@ -9,7 +9,7 @@ import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
-from lfpipe.config import Config
+from lfpipe.config import Config, SessionOptions
 from lfpipe.supervisor.process_table import ON_DEMAND, SHOWN_BY, SOURCE, STAGES, rings
 from lfpipe.supervisor.stage_row import Stage
 from lfpipe.transport.ring import RingSpec
@@ -51,7 +51,7 @@ def shape(spec: RingSpec) -> str:
 
 def columns(y: float) -> tuple[list[Box], list[Box]]:
     """(the core stages, the rings between them), in one row."""
-    specs = rings(Config())
+    specs = rings(Config(), SessionOptions())
     core = [stage for stage in stages() if not stage.optional]
     boxes, between, x = [], [], float(LEFT)
     for stage in core:

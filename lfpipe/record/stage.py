@@ -276,12 +276,13 @@ class Recorder:
         config = attrs.asdict(attrs.evolve(context.config, camera=camera))
         if isinstance(viewer, MouseViewer | RecordedEyes):
             reader: FramesInOrder = EyesReader(context)
-            self._unused = context.input("frames")
+            unused = ["frames"] if isinstance(viewer, RecordedEyes) else []
         else:
             reader = FrameReader(
                 context, "frames", camera.frame_px, options.packets, viewer.jpeg_px
             )
-            self._unused = context.input("eyes")
+            unused = ["eyes"]
+        self._unused = [context.input(name) for name in unused]
         self._viewer = Stream(context, folder, reader, viewer.source, viewer.rate_hz, config=config)
         self._streams = [self._viewer]
         live = options.live
@@ -305,7 +306,8 @@ class Recorder:
 
     def take(self) -> None:
         """Passes new frames to the stores while they have space."""
-        self._unused.skip()
+        for ring_input in self._unused:
+            ring_input.skip()
         for stream in self._streams:
             stream.take()
 

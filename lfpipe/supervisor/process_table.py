@@ -3,7 +3,7 @@ one module with `main(context)`. No other module of this package names a stage.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -101,19 +101,32 @@ DOES = {"pictures": SHOWN_BY, "eyes": TRACKED_BY}
 CORE = tuple(stage.name for stage in STAGES if not stage.optional)
 
 
-def _frame_ring(config: Config) -> RingSpec:
+def frame_ring(config: Config) -> RingSpec:
+    """The ring of the viewer's frames."""
     width_px, height_px = config.camera.frame_px
     shape = (height_px, width_px, 3)
     return RingSpec(shape, np.dtype("u1"), slots=min(max(FRAMES_BYTES // math.prod(shape), 4), 8))
 
 
-def rings(config: Config) -> dict[str, RingSpec]:
-    """The rings that every session with this configuration has."""
-    return {"frames": _frame_ring(config), "eyes": RingSpec((), EYES, slots=8)}
+def written(options: SessionOptions, specs: Mapping[str, RingSpec]) -> dict[str, RingSpec]:
+    """Those of the rings that a session with these options writes. Two have a second writer: eyes,
+    render where the mouse is the viewer; views, capture from a recording.
+    """
+    idle = {ring for stage in STAGES if not stage.needed(options) for ring in stage.writes}
+    return {name: specs[name] for name in specs if name in ("eyes", "views") or name not in idle}
 
 
-# rings of a fixed name that exist from the first time that a stage asks for them
+def rings(config: Config, options: SessionOptions) -> dict[str, RingSpec]:
+    """The rings between the stages of a session, without those that it has on demand."""
+    specs = {"frames": frame_ring(config), "eyes": RingSpec((), EYES, slots=8)}
+    return written(options, specs)
+
+
+# rings that exist from the first time that a stage asks for them
 ON_DEMAND = {"shown": RingSpec((), SHOWN, slots=16)}
+# rings of a fixed name that exist from their first use to the end of the session: a process may
+# still map one, and would not notice its replacement
+LASTING = ("frames", "eyes", *ON_DEMAND)
 
 
 def asked_for(options: SessionOptions) -> tuple[str, ...]:

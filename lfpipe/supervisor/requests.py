@@ -142,7 +142,7 @@ def _pictures(state: SessionState, message: Message, t_ns: int) -> Reply:
 def _wake(state: SessionState, message: Message, _t_ns: int) -> Reply:
     """Makes a FIFO that the writer of a ring wakes its client with."""
     ring = message.get("ring")
-    known = (*rings(state.config), *state.options.asked_for)
+    known = (*rings(state.config, state.options), *state.options.asked_for)
     if ring not in known:
         raise UserError(f"wake: no ring {ring!r:.100}", f"use one of {', '.join(known)}")
     if len(state.options.wakes) >= MAX_WAKES:

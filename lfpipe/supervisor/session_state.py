@@ -23,8 +23,14 @@ from lfpipe.config import (
 from lfpipe.config.modes import Lossless, Viewer, watching
 from lfpipe.config.quality import first_level, quality_levels
 from lfpipe.live.records import live_rings
-from lfpipe.supervisor.process_table import ON_DEMAND, asked_for, packet_ring, picture_ring
-from lfpipe.supervisor.process_table import rings as session_rings
+from lfpipe.supervisor.process_table import (
+    ON_DEMAND,
+    asked_for,
+    frame_ring,
+    packet_ring,
+    picture_ring,
+    written,
+)
 from lfpipe.transport.control import Message
 from lfpipe.transport.ring import RingSpec
 
@@ -121,15 +127,14 @@ class SessionState:
         """The on-demand rings that this state needs, by name."""
         rings = {name: ON_DEMAND[name] for name in self.options.asked_for}
         if (live := self.options.live) is not None:
-            rings |= live_rings(live)
+            rings |= written(self.options, live_rings(live))
             if self.options.jpeg_views:
                 rings[self.options.jpeg_views] = packet_ring(rings["views"], live.frame_px)
         if self.options.pictures:
             rings[self.options.pictures] = picture_ring(*self.pictures_px)
         jpeg_px = self.options.viewer.jpeg_px
         if self.options.packets and jpeg_px:
-            frames = session_rings(self.config)["frames"]
-            rings[self.options.packets] = packet_ring(frames, jpeg_px)
+            rings[self.options.packets] = packet_ring(frame_ring(self.config), jpeg_px)
         return rings
 
     # Changes. Each returns a new state with a new revision.

@@ -9,7 +9,7 @@ from pathlib import Path
 from lfpipe.host import wake
 from lfpipe.host.segment import SHM_DIR, Segment
 from lfpipe.scene.pack import hold_pack
-from lfpipe.supervisor.process_table import METRICS, ON_DEMAND, consumers, rings
+from lfpipe.supervisor.process_table import LASTING, METRICS, consumers, rings
 from lfpipe.supervisor.rundir import filled
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport import control, ring, status
@@ -45,8 +45,7 @@ class SessionStore:
             undo.callback(self._keep, ())
             undo.callback(self._pack.close)
             self._hold(state.options.pack)
-            self._make(rings(state.config))
-            self._make(state.rings())
+            self._make(self._needed(state))
             for name, readers in consumers().items():
                 for reader in readers:
                     wake.make(session.wake(name, reader))
@@ -66,7 +65,8 @@ class SessionStore:
         nothing has changed.
         """
         message = control.encode(state.message()) if state.rev != self.state.rev else self._unsent
-        self._make(state.rings())
+        needed = self._needed(state)
+        self._make(needed)
         wakes = {self._session.run_dir / wake_file(name) for name in state.options.wakes}
         with filled(self._session):
             for path in wakes - self._wakes:
@@ -78,8 +78,11 @@ class SessionStore:
             self._hold(state.options.pack)
         self.state = state
         self._unsent = message
-        # a writer may still map a ring with a fixed name, and would not notice its replacement
-        self._keep(rings(state.config).keys() | state.rings().keys() | ON_DEMAND.keys())
+        self._keep({*needed, *LASTING})
+
+    @staticmethod
+    def _needed(state: SessionState) -> dict[str, RingSpec]:
+        return rings(state.config, state.options) | state.rings()
 
     def _hold(self, pack: str) -> None:
         """Holds another pack, or none (""); a pack that cannot be held fails when it is shown."""

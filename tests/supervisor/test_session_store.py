@@ -1,18 +1,22 @@
 """What a session keeps for its stages while they are restarted."""
 
 from pathlib import Path
+from typing import Any
 
 import attrs
 import pytest
 
 from lfpipe import config
-from lfpipe.config import SceneSummary
+from lfpipe.config import LiveSource, SceneSummary
+from lfpipe.config.modes import MouseViewer, NoViewer
+from lfpipe.host import segment
 from lfpipe.scene import cache
 from lfpipe.scene.pack import summarize
 from lfpipe.scene.packing import pack_scene
 from lfpipe.supervisor.session_store import SessionStore
+from lfpipe.transport.ring import Reader, Writer
 from lfpipe.transport.session import Session
-from tests.supervisor.states import made_state
+from tests.supervisor.states import VIEWER, made_state
 from tests.support.world import write_scene
 
 
@@ -41,3 +45,58 @@ def test_the_pack_of_a_session_stays_while_no_stage_has_it_open(
     finally:
         store.close()
     assert cache.remove(Path(second.pack))
+
+
+CAMERA = attrs.evolve(VIEWER, jpeg_px=None)
+LIVE = LiveSource(source="row:a,b", rows=1, cols=2, tiles_across=2, frame_px=(64, 24))
+
+
+@pytest.mark.parametrize(
+    ("options", "rings"),
+    [
+        ({"viewer": VIEWER}, {"frames", "eyes"}),
+        ({"viewer": MouseViewer()}, {"eyes"}),
+        ({"viewer": NoViewer()}, {"eyes"}),
+        ({"viewer": attrs.evolve(VIEWER, tracked=False)}, {"eyes"}),
+        (
+            {"viewer": VIEWER, "live": LIVE},
+            {"frames", "eyes", "views", "disparity", "viewpoints"},
+        ),
+        (
+            {"viewer": MouseViewer(), "live": attrs.evolve(LIVE, recorded=True)},
+            {"eyes", "views", "disparity", "viewpoints"},
+        ),
+        (
+            {
+                "viewer": attrs.evolve(CAMERA, tracked=False),
+                "live": LIVE,
+                "show": False,
+                "record": "/x",
+            },
+            {"frames", "eyes", "views"},
+        ),
+    ],
+)
+def test_a_ring_exists_from_its_first_use_by_a_writer(
+    base: Path, name: str, options: dict[str, Any], rings: set[str]
+) -> None:
+    session = Session(name).with_token()
+    session.run_dir.mkdir(mode=0o700)
+    prefix = session.segment("")
+
+    def made() -> set[str]:
+        return {one.removeprefix(prefix) for one in segment.owned(prefix)} - {"status"}
+
+    store = SessionStore(session, made_state(**options))
+    try:
+        assert made() == rings
+        store.apply(store.state.changed(viewer=CAMERA))
+        assert made() == rings | {"frames"}
+        before = Reader(session.segment("frames"))
+        store.apply(store.state.changed(viewer=MouseViewer()))
+        store.apply(store.state.changed(viewer=CAMERA))
+        Writer(session.segment("frames")).begin()
+        assert before.epoch == 0, "who maps it has the same memory"
+    finally:
+        store.close()
+    assert not segment.owned(prefix)
