@@ -56,7 +56,7 @@ _EMPTY_PARTS = {  # what players pass over, at the end of a video
 def check_output(
     path: Path,
     inputs: Iterable[Path] = (),
-    force: bool | None = None,
+    overwrite: bool | None = None,
     label: str = "",
     writes: str = "",
 ) -> None:
@@ -64,9 +64,9 @@ def check_output(
     of the same command or a file in an input folder, in use, written by another program, read by
     another command, or in a recording or reference. Changes nothing.
 
-    force: the value of the command's --force, which allows replacing a file of another program;
-    None without such an option. label: the option's name, for the message. writes: the name in
-    INPUTS of what is written.
+    overwrite: the value of the command's --overwrite, which allows replacing a file of another
+    program; None without such an option. label: the option's name, for the message. writes: the
+    name in INPUTS of what is written.
     """
     what = f"{label} {path}".lstrip()
     other = "name another file"
@@ -96,8 +96,8 @@ def check_output(
             raise UserError(
                 f"{what}: {folder} is a recording or reference", "name a file in another folder"
             )
-    if os.path.lexists(target) and not force and not written_by_lfpipe(target):
-        remedy = other + ("" if force is None else ", or replace it with --force")
+    if os.path.lexists(target) and not overwrite and not written_by_lfpipe(target):
+        remedy = other + ("" if overwrite is None else ", or replace it with --overwrite")
         raise UserError(f"{what}: exists, and was not written by lfpipe", remedy)
 
 
@@ -112,7 +112,7 @@ def check_outside(folder: Path, inputs: Iterable[Path | None], label: str = "") 
 
 
 def check_outputs(
-    outputs: Mapping[str, Path | None], inputs: Iterable[Path] = (), force: bool | None = None
+    outputs: Mapping[str, Path | None], inputs: Iterable[Path] = (), overwrite: bool | None = None
 ) -> None:
     """`check_output` of all outputs of one command, by label; they must also differ.
 
@@ -123,7 +123,7 @@ def check_outputs(
     for label, path in outputs.items():
         if path is None:
             continue
-        check_output(path, sources, force, label)
+        check_output(path, sources, overwrite, label)
         other = places.setdefault(os.path.realpath(path), label)
         if other != label:
             raise UserError(f"{label} {path}: {other} writes the same file", "use two files")

@@ -51,9 +51,9 @@ def _tree(folder: Path) -> dict[str, tuple[int, bytes]]:
     }
 
 
-def _refused(path: Path, *inputs: Path, force: bool = False, writes: str = "") -> bool:
+def _refused(path: Path, *inputs: Path, overwrite: bool = False, writes: str = "") -> bool:
     try:
-        check_output(path, inputs, force, writes=writes)
+        check_output(path, inputs, overwrite, writes=writes)
     except UserError as error:
         assert error.remedy
         return True
@@ -69,20 +69,20 @@ JSON = st.recursive(
 @given(
     data=st.binary(max_size=200).map(b".".__add__)
     | JSON.map(lambda value: json.dumps(value).encode()),
-    force=st.booleans(),
+    overwrite=st.booleans(),
 )
 @example(b"hour,visits\n2026-11-21 15:00,12\n", False)  # look-alikes
 @example(b"What was written by lfpipe\n", False)
 @example(b'{"seq": 0}\n', False)
 @example(b"[" * 100_000, False)
 def test_files_of_other_programs_are_refused_and_kept(
-    tmp_path_factory: pytest.TempPathFactory, data: bytes, force: bool
+    tmp_path_factory: pytest.TempPathFactory, data: bytes, overwrite: bool
 ) -> None:
     path = tmp_path_factory.getbasetemp() / "others" / "notes.txt"
     path.parent.mkdir(exist_ok=True)
     path.write_bytes(data)
     before = _tree(path.parent)
-    assert _refused(path, force=force) is not force
+    assert _refused(path, overwrite=overwrite) is not overwrite
     assert _tree(path.parent) == before
 
 
@@ -172,15 +172,15 @@ def read(tmp_path: Path) -> Path:
     [
         # no files
         *(
-            (name, [], {"force": True}, True)
+            (name, [], {"overwrite": True}, True)
             for name in ("fifo", "loop", ".", "missing/x", "file/x", "n" * 300, "a\0b", "/dev/null")
         ),
         # a file of several names
-        ("ours.jsonl", [], {"force": True}, True),
-        ("other", [], {"force": True}, True),
+        ("ours.jsonl", [], {"overwrite": True}, True),
+        ("other", [], {"overwrite": True}, True),
         # an input
         *(
-            (f"scene/{name}", [given], {"force": True}, True)
+            (f"scene/{name}", [given], {"overwrite": True}, True)
             for name in IN_SCENE
             for given in ("scene", "scene/view.png")
         ),
@@ -188,16 +188,16 @@ def read(tmp_path: Path) -> Path:
         ("new.png", ["scene"], {}, False),
         # what another command reads
         *(
-            (name, [], {"force": True}, True)
+            (name, [], {"overwrite": True}, True)
             for name in (
                 *("walk/manifest.json", "ref/report.json", "bench/results.json", "walk/truth.csv"),
                 *("walk/out.png", "ref/trace.jsonl", "ref/pictures/frames.bin", "in.csv"),
             )
         ),
         ("bench/report.html", [], {}, False),
-        ("in.csv", ["in.avi"], {"force": True, "writes": TABLE}, True),
-        ("theirs.csv", ["theirs.avi"], {"force": True}, True),
-        ("theirs.csv", [], {"force": True}, False),
+        ("in.csv", ["in.avi"], {"overwrite": True, "writes": TABLE}, True),
+        ("theirs.csv", ["theirs.avi"], {"overwrite": True}, True),
+        ("theirs.csv", [], {"overwrite": True}, False),
     ],
 )
 def test_no_file_that_is_read_or_none_is_replaced(
@@ -218,10 +218,10 @@ def test_two_outputs_of_one_command_differ(tmp_path: Path) -> None:
 def test_a_file_in_use_is_refused_until_its_writer_ends(tmp_path: Path) -> None:
     path = tmp_path / "t.jsonl"
     trace = TraceFile(path, pytest.fail)
-    assert _refused(path, force=True)  # before its first line
+    assert _refused(path, overwrite=True)  # before its first line
     trace.write(LINE)
     assert json.loads(path.read_bytes()) == LINE  # can be read while it grows
-    assert _refused(path, force=True)
+    assert _refused(path, overwrite=True)
     trace.close()
     assert not _refused(path) and written_by_lfpipe(path)
 
