@@ -1,6 +1,7 @@
 """What frames of a camera show, whatever it is: nothing at all, or a light that flashes."""
 
 from collections import deque
+from statistics import fmean, pstdev
 from typing import Any
 
 import numpy as np
@@ -56,8 +57,7 @@ class ContentWatch:
     def _flash(self) -> bool:
         if len(self._means) < FLASH_FRAMES:
             return False
-        means = np.array(self._means)
+        means = list(self._means)
         even, odd = means[::2], means[1::2]
-        apart = abs(float(even.mean() - odd.mean()))
-        spread = max(float(even.std()), float(odd.std()), 1.0)
-        return apart > FLASH_LEVELS and apart > FLASH_RATIO * spread
+        apart = abs(fmean(even) - fmean(odd))
+        return apart > FLASH_LEVELS and apart > FLASH_RATIO * max(pstdev(even), pstdev(odd), 1.0)

@@ -191,13 +191,18 @@ class CaptureStage:
         if self._views is not None:
             due_ns = frame.t_sensor_ns + self._lateness.moved_ns
             self._views.publish_before(frame.source_seq, due_ns)
+        context = self._context
+        t_sensor_ns = frame.t_sensor_ns + self._lateness.moved_ns
+        spare = self._nobody_looks and t_sensor_ns < self._published_ns + IDLE_NS
+        if spare and not self._live:
+            context.row["left_out"] += 1  # the one that follows is waited for
+            return
         t_read_ns = frame.t_read_ns or self._wait_until_due(frame)
         if not t_read_ns:
             return
-        context = self._context
         frames = self._frames
+        picture = frames.begin()
         t_sensor_ns = frame.t_sensor_ns + self._lateness.moved_ns
-        self._watch_content(frame)
         stale = False
         if self._live:
             if self._source.info.notes != self._reported.notes:
@@ -208,30 +213,29 @@ class CaptureStage:
             self._light.add(frame, self._source.info, lost)
             stale = self._rested and not context.idle  # the driver kept it
             self._rested = context.idle
-        spare = self._nobody_looks and t_sensor_ns < self._published_ns + IDLE_NS
         if context.paused or stale or spare:
             context.row["left_out"] += 1
-            return
-        self._published_ns = t_sensor_ns
-        if self._packets is not None:
-            self._packets.set_options(context.options)
-            self._packets.publish(
-                frame.packet, frame.source_seq, t_sensor_ns, t_read_ns, frames.writer.epoch
-            )
-        frames.publish(frame.source_seq, t_sensor_ns, t_read_ns, kind=frame.stamp)
-        t_ns = now_ns()
-        context.row.count_output(frame.source_seq)
-        context.row.record_latency(t_read_ns - t_sensor_ns, busy_ns, t_ns - t_sensor_ns)
-        context.row["cpu_ns"] = time.process_time_ns()
+        else:
+            self._published_ns = t_sensor_ns
+            if self._packets is not None:
+                self._packets.set_options(context.options)
+                self._packets.publish(
+                    frame.packet, frame.source_seq, t_sensor_ns, t_read_ns, frames.writer.epoch
+                )
+            frames.publish(frame.source_seq, t_sensor_ns, t_read_ns, kind=frame.stamp)
+            t_ns = now_ns()
+            context.row.count_output(frame.source_seq)
+            context.row.record_latency(t_read_ns - t_sensor_ns, busy_ns, t_ns - t_sensor_ns)
+            context.row["cpu_ns"] = time.process_time_ns()
+        self._content.add(picture, frame.t_sensor_ns)  # which would delay the frame
+        self._report_content(frame)
 
-    def _watch_content(self, frame: Frame) -> None:
+    def _report_content(self, frame: Frame) -> None:
         """Reports frames that show nothing, and a light that flashes."""
         content = self._content
-        flashed = content.flashes
-        content.add(self._frames.begin(), frame.t_sensor_ns)
         self._context.row["covered"] = content.covered
         self._context.row["shuttered"] = frame.shuttered
-        if content.flashes and not flashed and not self._flash_told:
+        if content.flashes and not self._flash_told:
             self._flash_told = True
             self._context.notify(
                 f"{self._source.info.name}: every second frame is dark, as of the infrared camera"

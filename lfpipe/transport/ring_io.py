@@ -156,7 +156,11 @@ class RingOutput:
         self._index = spec.ring_index(name)
         self.writer = ring.Writer(session.segment(name))
         readers = spec.consumers.get(name, [])
-        self._wakes = [Wake(session.wake(name, reader)) for reader in readers]
+        # with the state of each reader: one that does not run leaves its FIFO full
+        self._wakes = [
+            (Wake(session.wake(name, reader)), table.rows[reader]["state"].reshape(1).data)
+            for reader in readers
+        ]
         self._others: dict[str, Wake] = {}  # of other programs
         self._lock_step = False
         self._rows: list[NDArray[Any]] = []
@@ -198,7 +202,10 @@ class RingOutput:
         seq = self.writer.publish(source_seq, t_sensor_ns, t_read_ns, epoch, kind)
         # at once: if the process is killed before this line, the new slot counts as lost
         self._done()
-        for wake in (*self._wakes, *self._others.values()):
+        for wake, state in self._wakes:
+            if state[0] not in ENDED:
+                wake.notify(seq)
+        for wake in self._others.values():
             wake.notify(seq)
         if self._lock_step:
             self._wait_for(self._all_taken, self.credits)

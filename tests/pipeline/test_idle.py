@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 from tests.support.films import write_film
@@ -49,6 +50,8 @@ def test_camera_is_read_less_often_while_nobody_looks(
     )
     world.wait_for(lambda: world.left() and idle(world), "an idle session")
     before = world.monitor()["stages"]
+    capture = psutil.Process(before["capture"]["pid"])
+    slept = capture.num_ctx_switches().voluntary
     after = world.wait_for(
         lambda: (
             (now := world.monitor()["stages"])["track"]["count"] > before["track"]["count"] + 9
@@ -56,9 +59,11 @@ def test_camera_is_read_less_often_while_nobody_looks(
         ),
         "frames",
     )
+    slept = capture.num_ctx_switches().voluntary - slept
     frames = after["capture"]["count"] - before["capture"]["count"]
     left_out = after["capture"]["left_out"] - before["capture"]["left_out"]
     assert left_out > frames, (frames, left_out)  # 2.75 times, if none is lost
+    assert slept < 2 * frames, (frames, slept)  # a frame that is left out is not waited for
 
 
 @pytest.mark.live

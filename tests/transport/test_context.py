@@ -116,6 +116,17 @@ def test_context_wait_leaves_a_wake_for_the_stage(session: Session, make: Make) 
     assert wakes(context, 0.35) <= 6
 
 
+def test_a_slot_wakes_the_readers_that_run(session: Session, make: Make) -> None:
+    context = make("track", False)
+    eyes = context.output("eyes")
+    context.table.rows["render"]["state"] = State.STARTING
+    context.table.rows["share"]["state"] = State.DEAD
+    eyes.begin()
+    eyes.publish(0, 1, 1)
+    woken = {reader: Wake(session.wake("eyes", reader)).drain() for reader in consumers()["eyes"]}
+    assert woken == {"render": 1, "record": 0, "share": 0}
+
+
 def test_report_lost_counts_a_lost_output(make: Make) -> None:
     context = make("render", False)
     context.report_lost("trace: the disk is full")
