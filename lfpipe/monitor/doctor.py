@@ -34,7 +34,7 @@ from lfpipe.files.safe_files import PRIVATE
 from lfpipe.host import segment
 from lfpipe.host.files import is_missing
 from lfpipe.host.machine import has_gpu, install_command, versions
-from lfpipe.host.processes import usable_cores
+from lfpipe.host.processes import ask_for_short_slices, usable_cores
 from lfpipe.plugins import (
     COMMANDS,
     DISPLAYS,
@@ -79,14 +79,19 @@ class Check:
 
 
 def python() -> Check:
-    """The interpreter, and the cores that it may use."""
+    """The interpreter, the cores that it may use, and whether it gets short turns on them."""
     count = len(usable_cores())
+    short = ask_for_short_slices()
     return Check(
         "python",
         True,
         f"{platform.python_version()} ({platform.python_implementation()}, {sys.executable}),"
-        f" {count} cores",
-        "" if count > 1 else "use at least two cores; on one, the rates are lower",
+        f" {count} cores, {'short' if short else 'usual'} time slices",
+        "use at least two cores; on one, the rates are lower"
+        if count < 2
+        else ""
+        if short
+        else "on Linux 6.12 or later, busy programs delay pictures less",
     )
 
 

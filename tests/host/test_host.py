@@ -5,11 +5,13 @@ misbehave.
 
 import ctypes
 import os
+import platform
 import re
 import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -21,6 +23,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.host import file_lock, machine, wake, worker
+from lfpipe.host.processes import SLICE_NS, ask_for_short_slices, yield_to_others
 from lfpipe.host.worker import Worker
 from lfpipe.transport import ring
 from tests.support.processes import printed
@@ -50,6 +53,19 @@ def test_a_limit_of_processes_is_named_before_a_library_aborts() -> None:
     )
     assert done.stdout.startswith("8 threads of all your processes are allowed"), done.stderr
     assert "remedy: end other programs, or raise the limit" in done.stdout
+
+
+@pytest.mark.native("the scheduler's slices")
+def test_short_slices_are_asked_for_and_a_policy_stays() -> None:
+    with ThreadPoolExecutor(1) as thread:
+        granted = thread.submit(ask_for_short_slices).result()
+        kernel = tuple(map(int, re.findall(r"\d+", platform.release())[:2]))
+        assert not granted or kernel >= (6, 12)
+        stated = thread.submit(Path("/proc/thread-self/sched").read_text).result()
+        assert not granted or re.search(rf"se\.slice +: +{SLICE_NS}\n", stated)
+        thread.submit(yield_to_others).result()
+        assert not thread.submit(ask_for_short_slices).result()
+        assert thread.submit(os.sched_getscheduler, 0).result() == os.SCHED_BATCH
 
 
 def test_wakes_arrive_also_at_a_restarted_reader(tmp_path: Path) -> None:
