@@ -7,29 +7,22 @@ cameras in a row, from left to right.
 """
 
 import re
-from pathlib import Path
 
 import attrs
 
 from lfpipe.capture.open_source import camera_name, probe_source
-from lfpipe.capture.spec import RingKind, RowKind, SourceKind, parse_source
+from lfpipe.capture.spec import LIVE, RingKind, RowKind, SourceKind, parse_source
 from lfpipe.config import Camera, Config, LiveSource
 from lfpipe.config.user_files import measured_placement
 from lfpipe.errors import UserError
 from lfpipe.live.shared_scene import attached, two_cameras
 
-PREFIX = "live:"
 FORM = "live:SOURCE?layout=side-by-side|over-under|rgbd|mosaic&grid=RxC&size=WxH"
 LAYOUTS = {"side-by-side": ((1, 2), 2), "over-under": ((1, 2), 1)}  # grid, tiles across
 DEPTH = "rgbd"  # a picture and its depth, side by side or one below the other
 WIDE = 2.2  # width over height of a frame, from which it holds two views side by side
 SMALLEST_PX = 48  # of a view
 OWN = ("layout", "grid", "size")  # parameters; others are the source's
-
-
-def is_live(path: Path | str) -> bool:
-    """Whether a scene is captured now."""
-    return str(path).startswith(PREFIX)
 
 
 def live_camera(config: Config, frame_px: tuple[int, int]) -> Camera:
@@ -44,7 +37,7 @@ def check_live(text: str, config: Config) -> LiveSource:
 
     Raises UserError.
     """
-    source, own = _split(text.removeprefix(PREFIX))
+    source, own = _split(text.removeprefix(LIVE))
     asked_px = _pair(own, "size", "x")
     if isinstance(kind := parse_source(source), RowKind):
         width, height = asked_px or config.camera.frame_px
@@ -115,7 +108,7 @@ def _split(rest: str) -> tuple[str, dict[str, str]]:
     if len(cameras) > 1:
         name = f"row:{name}"
     if not name:
-        raise UserError(f"{PREFIX}{rest}: names no source", f"use {FORM}")
+        raise UserError(f"{LIVE}{rest}: names no source", f"use {FORM}")
     source = f"{name}?{others}" if others else name
     parse_source(source)
     return source, own

@@ -25,9 +25,15 @@ from lfpipe.plugins import SOURCES, guarded, load, plugins
 if TYPE_CHECKING:
     from lfpipe.capture.frame_source import FrameSource, SourceInfo
 
+LIVE = "live:"  # begins the name of a scene that is captured now, see `live_source`
 # below, it looks like a still picture; above, no camera or disk delivers it
 MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 10_000.0
 PARAMETERS = f"loop=0|1 and pace=recorded|max|HZ, HZ from {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}"
+
+
+def is_live(path: Path | str) -> bool:
+    """Whether a scene is captured now."""
+    return str(path).startswith(LIVE)
 
 
 class SourceKind(abc.ABC):

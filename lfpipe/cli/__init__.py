@@ -11,7 +11,7 @@ import io
 import logging
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NoReturn
 
 import click
@@ -139,9 +139,9 @@ def cli(context: click.Context, verbose: int) -> int | None:
 
     if not has_display():
         raise click.exceptions.NoArgsIsHelpError(context)
-    from lfpipe.cli.launch import start
+    from lfpipe.cli.launch import UpArguments, launch
 
-    return start()
+    return launch(UpArguments(start=True))
 
 
 def _path_bytes(error: UnicodeError) -> tuple[str | bytes, int]:
@@ -160,6 +160,34 @@ def _check_working_folder() -> None:
             f"the working directory cannot be used: {error.strerror}",
             "change to one that exists: `cd`",
         ) from None
+
+
+@contextlib.contextmanager
+def machine_errors() -> Iterator[None]:
+    """Turns what the machine causes into UserError: a full disk, a folder without permissions, a
+    lost drive, too little memory.
+    """
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        remedy = (
+            "free some space"
+            if error.errno in (errno.ENOSPC, errno.EDQUOT)
+            else "check that path and its permissions"
+        )
+        raise UserError(
+            f"{where}{error.strerror or error}", f"{remedy}; -vv shows where it failed"
+        ) from error
+    except (MemoryError, ImportError) as error:
+        if isinstance(error, ImportError) and "failed to map" not in str(error):
+            raise
+        raise UserError(
+            "not enough memory",
+            "close other programs, or raise the limit (`ulimit -d`, `ulimit -v`)",
+        ) from error
 
 
 def _drop_output() -> None:
@@ -207,10 +235,11 @@ def _run(notify: Callable[[UserError], None]) -> NoReturn:
         sys.stdout.reconfigure(errors="path")
     signals.end_cleanly()
     try:
-        _check_working_folder()
-        code = cli(prog_name="lfpipe", standalone_mode=False)
-        if sys.stdout is not None:  # closed by the parent process
-            sys.stdout.flush()
+        with machine_errors():
+            _check_working_folder()
+            code = cli(prog_name="lfpipe", standalone_mode=False)
+            if sys.stdout is not None:  # closed by the parent process
+                sys.stdout.flush()
     except UserError as error:
         fail(error)
     except click.ClickException as error:
@@ -222,22 +251,4 @@ def _run(notify: Callable[[UserError], None]) -> NoReturn:
         sys.exit(signals.exit_code(error.__cause__))
     except BrokenPipeError:
         _reader_ended()
-    # caused by this machine: a full disk, a folder without permissions, a lost drive
-    except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
-        remedy = (
-            "free some space"
-            if error.errno in (errno.ENOSPC, errno.EDQUOT)
-            else "check that path and its permissions"
-        )
-        fail(UserError(f"{where}{error.strerror or error}", f"{remedy}; -vv shows where it failed"))
-    except (MemoryError, ImportError) as error:
-        if isinstance(error, ImportError) and "failed to map" not in str(error):
-            raise
-        fail(
-            UserError(
-                "not enough memory",
-                "close other programs, or raise the limit (`ulimit -d`, `ulimit -v`)",
-            )
-        )
     sys.exit(code if isinstance(code, int) else 0)

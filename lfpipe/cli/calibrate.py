@@ -3,8 +3,9 @@
 import attrs
 import click
 
-from lfpipe.capture.live_source import PREFIX, check_live, is_live
+from lfpipe.capture.live_source import check_live
 from lfpipe.capture.open_source import camera_name
+from lfpipe.capture.spec import LIVE, is_live
 from lfpipe.cli.options import CAMERA, SESSION, Number, with_settings
 from lfpipe.cli.terminal import print_result
 from lfpipe.config import Config, load, user_file
@@ -128,7 +129,7 @@ def _open_page(
 
 
 def _calibrate_pair(text: str, config: Config) -> None:
-    live = check_live(text if is_live(text) else PREFIX + text, config)
+    live = check_live(text if is_live(text) else LIVE + text, config)
     if not two_cameras(live):
         raise UserError(f"{text}: not two cameras", "name a camera with two views, or two cameras")
     name = camera_name(live.source)

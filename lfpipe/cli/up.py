@@ -36,7 +36,7 @@ Examples:
     is_flag=True,
     help="Use a built-in scene and face.",
 )
-@click.option("--force", is_flag=True, help="Replace output files that lfpipe did not write.")
+@click.option("--overwrite", is_flag=True, help="Replace output files that lfpipe did not write.")
 @click.option("--no-picture", is_flag=True, help="Track the eyes only, without SCENE and window.")
 @SESSION
 @with_settings
@@ -49,4 +49,5 @@ def up(**options: Any) -> int:
     """
     from lfpipe.cli.launch import UpArguments, launch
 
-    return launch(UpArguments(**options))
+    policy = {"run_policy": options.pop("run_policy")} if "run_policy" in options else {}
+    return launch(UpArguments(**options), **policy)

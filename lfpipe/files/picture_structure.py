@@ -8,9 +8,12 @@ ISO/IEC 14496-12 (boxes).
 import contextlib
 import re
 import struct
+from pathlib import Path
 from typing import IO, Any
 
 import attrs
+
+from lfpipe.files.safe_files import open_regular
 
 # Each scan is one more pass over the whole picture, for a dozen bytes; encoders use some ten.
 MAX_SCANS = 100
@@ -36,6 +39,17 @@ _MANY_PARTS = f"more than {MAX_PARTS} parts; at most {MAX_PARTS} are read"
 
 class BeyondLimitError(ValueError):
     """A picture that claims more parts than are read."""
+
+
+def begins_as_picture(path: Path) -> bool:
+    """Whether a file begins like a picture whose format no other kind of file shares (raw pictures
+    of cameras begin like TIFF)."""
+    with contextlib.suppress(OSError), open_regular(path) as file:
+        start = file.read(12)
+        webp = start.startswith(b"RIFF") and start.endswith(b"WEBP")
+        avif = start[4:] in (b"ftypavif", b"ftypavis")
+        return webp or avif or start.startswith((b"\xff\xd8\xff", b"\x89PNG\r\n", b"GIF8"))
+    return False
 
 
 class _CutError(ValueError):

@@ -20,7 +20,7 @@ from PIL import Image, ImageFile, TiffImagePlugin
 
 from lfpipe.errors import UserError
 from lfpipe.files.picture_structure import MAX_PICTURES, BeyondLimitError, Structure, examine
-from lfpipe.files.safe_files import open_file, open_regular
+from lfpipe.files.safe_files import open_file
 from lfpipe.host.files import proc_fd_path
 
 # 8192x8192 px of 8-bit colour, 7574x5264 px (lenslets of a Lytro Illum) of 16-bit colour
@@ -340,17 +340,6 @@ def open_header(path: Path) -> Header:
 def _known_header(path: Path, *_stamp: int) -> Header:
     with open_file(path) as file:
         return _checked(path, file)[0]
-
-
-def begins_as_picture(path: Path) -> bool:
-    """Whether a file begins like a picture whose format no other kind of file shares (raw pictures
-    of cameras begin like TIFF)."""
-    with contextlib.suppress(OSError), open_regular(path) as file:
-        start = file.read(12)
-        webp = start.startswith(b"RIFF") and start.endswith(b"WEBP")
-        avif = start[4:] in (b"ftypavif", b"ftypavis")
-        return webp or avif or start.startswith((b"\xff\xd8\xff", b"\x89PNG\r\n", b"GIF8"))
-    return False
 
 
 def _frames(

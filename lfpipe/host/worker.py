@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from lfpipe.errors import UserError
+from lfpipe.host import signals
 from lfpipe.host.child import PIPE, Child, Patience, end_with_parent, is_computing, python
 from lfpipe.host.limits import WORKER_THREADS, MemoryLimit, check_threads
 from lfpipe.host.processes import cpu_ns
@@ -42,19 +43,28 @@ class Worker:
 
     module: run as `python -m`. subject: what the request is about, for messages. limit_s: time
     without a step, of its own CPU time while it computes: a busy or emulated machine takes longer.
-    fds: for a poller; call `read` when they are readable. on_step: called with every step. Raises
-    UserError if no child can be started.
+    stderr: None for that of this process. fds: for a poller; call `read` when they are readable.
+    on_step: called with every step. last: the newest. Raises UserError if no child can be started.
     """
 
-    def __init__(self, module: str, request: dict[str, Any], subject: str, limit_s: float) -> None:
+    def __init__(
+        self,
+        module: str,
+        request: dict[str, Any],
+        subject: str,
+        limit_s: float,
+        stderr: int | None = PIPE,
+    ) -> None:
         check_threads(WORKER_THREADS)
         self.subject = subject
         self._patience = Patience(limit_s=limit_s, cpu_s=limit_s)
         self._verdict: dict[str, Any] | None = None
+        self.last: dict[str, Any] = {}
         line = json.dumps(request).encode()
-        self._process = Child(python(module), line, stdout=PIPE, stderr=PIPE)
-        self._stdout, self._stderr = self._process.pipes()
-        self._open = [self._stdout, self._stderr]  # those that have not ended
+        with signals.blocked():
+            self._process = Child(python(module), line, stdout=PIPE, stderr=stderr)
+        self._open = self._process.pipes()  # those that have not ended
+        self._stdout = self._open[0]
         self._rest = self._log = b""  # of the last line, of what it wrote to stderr
         self._step_s = self._look_s = time.monotonic()
         self._step_cpu_ns = self._look_cpu_ns = 0
@@ -62,7 +72,8 @@ class Worker:
         self._reading = ""  # the file that it opened last
 
     def on_step(self, step: dict[str, Any]) -> None:
-        """A step of the child, not checked. Subclasses keep what they need."""
+        """Keeps a step of the child, not checked. Subclasses keep what they need of it."""
+        self.last = step
 
     def _is_stuck(self) -> bool:
         now_s = time.monotonic()
@@ -95,7 +106,7 @@ class Worker:
                 data = stream.read(1 << 16)  # None if nothing is available yet
                 if data == b"":
                     self._open.remove(stream)
-                elif data and stream is self._stderr:
+                elif data and stream is not self._stdout:
                     self._log = (self._log + data)[-MAX_LOG_BYTES:]
                 elif data:
                     *lines, rest = (self._rest + data).split(b"\n")
@@ -181,6 +192,7 @@ def serve(work: Serve, memory_bytes: int) -> None:
     """The child's side: reads the request, works with limited memory, prints the verdict and ends
     the process.
     """
+    signals.ignore()  # those of the terminal end the parent, which ends this process
     out = os.dup(1)
     os.dup2(2, 1)  # what libraries print does not belong into the answer
     lock = threading.Lock()

@@ -82,16 +82,13 @@ def python() -> Check:
     """The interpreter, the cores that it may use, and whether it gets short turns on them."""
     count = len(usable_cores())
     short = ask_for_short_slices()
+    hint = "" if short else "on Linux 6.12 or later, busy programs delay pictures less"
     return Check(
         "python",
         True,
         f"{platform.python_version()} ({platform.python_implementation()}, {sys.executable}),"
         f" {count} cores, {'short' if short else 'usual'} time slices",
-        "use at least two cores; on one, the rates are lower"
-        if count < 2
-        else ""
-        if short
-        else "on Linux 6.12 or later, busy programs delay pictures less",
+        hint if count > 1 else "use at least two cores; on one, the rates are lower",
     )
 
 

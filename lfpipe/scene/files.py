@@ -1,4 +1,4 @@
-"""Untrusted folders and pictures: bounded in size, confined to the folder, with precise errors."""
+"""Untrusted folders: bounded in size, confined to the folder, with precise errors."""
 
 import contextlib
 import os
@@ -11,12 +11,11 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import attrs
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError, quoted
-from lfpipe.files.pictures import begins_as_picture
+from lfpipe.files.picture_structure import begins_as_picture
 from lfpipe.files.safe_files import check_links, open_file, reason
 from lfpipe.files.untrusted import finite
 from lfpipe.host.files import proc_fd_path
@@ -161,6 +160,8 @@ def library_errors(path: str | os.PathLike[str]) -> Iterator[None]:
     """Turns errors of decoding libraries, and lack of memory, into UserError; silences OpenCV's
     warnings about the files.
     """
+    import cv2  # 30 MB, which a session's supervisor does without
+
     try:
         with opencv_logging():
             yield
@@ -190,6 +191,8 @@ def read_pfm(path: Path) -> NDArray[np.float32]:
 
     Raises UserError.
     """
+    import cv2
+
     with open_file(path) as file:
         header = file.read(100).split()  # Pf, width, height, scale: its sign is the byte order
         values = cv2.imread(proc_fd_path(file), cv2.IMREAD_UNCHANGED)

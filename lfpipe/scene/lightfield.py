@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Self
 
 import attrs
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -226,6 +225,8 @@ class LightField:
 
     def _repr_png_(self) -> bytes:
         """The middle view, which a notebook shows for the light field."""
+        import cv2  # 30 MB, which a session's supervisor does without
+
         planes = np.asarray(self.views[0, self.rows // 2, self.cols // 2])
         rgb = np.repeat(planes, 3, axis=0) if len(planes) == 1 else planes
         _, data = cv2.imencode(".png", np.ascontiguousarray(rgb[::-1].transpose(1, 2, 0)))

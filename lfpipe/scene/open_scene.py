@@ -137,24 +137,16 @@ class Opened:
     """The light fields that replace the paths."""
     field: LightField
     """The first of them."""
-    packing: Packing | None = None
-    """The packer while it estimates the disparity of `field`."""
 
 
-def open_scenes(
-    paths: Sequence[Path],
-    settings: config.Scene,
-    progress: Progress | None = None,
-    *,
-    scorer: str = "",
-    complete: bool = False,
-    expand: bool = True,
-) -> Opened:
-    """Opens the first of the light fields at paths as soon as it can be shown.
+def find_packed(
+    paths: Sequence[Path], settings: config.Scene, *, scorer: str = "", expand: bool = True
+) -> Opened | PackerRequest:
+    """The light fields at paths, the first of them opened; a request to the packer if that one is
+    not in the cache, or a folder must be searched.
 
-    An empty sequence means the demo. progress: called from this thread. scorer: as in
-    `PackerRequest`. complete: wait for the disparity, for pictures that are saved. expand: replace
-    a folder of light fields by its content. Raises UserError.
+    An empty sequence means the demo. scorer: as in `PackerRequest`. expand: replace a folder of
+    light fields by its content. Raises UserError.
     """
     paths = [named_scene(path, cache_dir(settings)) for path in paths] or [
         demo_scene(cache_dir(settings))
@@ -163,22 +155,28 @@ def open_scenes(
     expand = expand and any(is_dir(path) and packed(path, settings) is None for path in paths)
     if known is not None and not expand:
         return Opened(paths, known)
-    request = PackerRequest(scenes=paths, settings=settings, expand=expand, scorer=scorer)
+    return PackerRequest(scenes=paths, settings=settings, expand=expand, scorer=scorer)
+
+
+def pack_until_shown(
+    request: PackerRequest, progress: Progress | None, complete: bool
+) -> tuple[Packing, SceneSummary]:
+    """The packer, and the pack as soon as it can be shown.
+
+    progress: called from this thread. complete: wait for the disparity, for pictures that are
+    saved. Raises UserError.
+    """
     packing = Packing(request, progress)
     try:
         packing.wait(lambda: packing.views is not None and not complete)
         summary = (
             packing.views if not packing.done and packing.views is not None else packing.summary()
         )
-        packing.progress = None
-        return Opened(
-            packing.scenes or paths,
-            open_pack(Path(summary.pack), settings.invert_depth),
-            None if packing.done else packing,
-        )
     except BaseException:
         packing.close()
         raise
+    packing.progress = None
+    return packing, summary
 
 
 def open_scene(
@@ -193,7 +191,11 @@ def open_scene(
     progress: called from this thread. scorer: as in `PackerRequest`. Raises UserError.
     """
     paths = [] if path is None else [Path(path)]
-    return open_scenes(paths, settings, progress, scorer=scorer, complete=True, expand=False).field
+    found = find_packed(paths, settings, scorer=scorer, expand=False)
+    if isinstance(found, Opened):
+        return found.field
+    _, summary = pack_until_shown(found, progress, complete=True)
+    return open_pack(Path(summary.pack), settings.invert_depth)
 
 
 def absolute_path(path: Path, settings: config.Scene) -> Path:

@@ -6,8 +6,8 @@ import re
 import numpy as np
 
 from lfpipe.eyes import EYES, EyesRecord
-from lfpipe.supervisor.tap_topics import SUPERVISOR, TOPICS
 from tests.contracts import FOLDER, contract
+from tests.supervisor.tap_topics import SUPERVISOR, TOPICS
 
 DOCS = FOLDER.parents[1] / "docs"
 PAGE = (DOCS / "contracts.md").read_text()

@@ -17,7 +17,7 @@ import pygame
 import pytest
 
 from lfpipe import config
-from lfpipe.cli.launch import device_latency_lines
+from lfpipe.cli.prepare import device_latency_lines
 from lfpipe.config.modes import CameraViewer, Nothing, Window
 from lfpipe.errors import UserError
 from lfpipe.render.display.monitors import (
@@ -264,5 +264,5 @@ def test_device_latency_doubt_names_the_change(
 def test_loop_lines_say_whether_the_delay_is_trusted(
     monkeypatch: pytest.MonkeyPatch, configured: config.Config, display: Any, words: str
 ) -> None:
-    monkeypatch.setattr("lfpipe.cli.launch.detect_monitors", lambda: ("x11", DESK))
+    monkeypatch.setattr("lfpipe.cli.prepare.detect_monitors", lambda: ("x11", DESK))
     assert re.search(words, "\n".join(device_latency_lines(configured, DEMO, display)))

@@ -7,6 +7,7 @@ file: the camera is unplugged. Used as `python -m tests.faults.scripted_camera u
 """
 
 import errno
+import sys
 import time
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from lfpipe.capture import stage
 from lfpipe.capture.demo import DemoSource
 from lfpipe.capture.frame_source import SourceInfo
 from lfpipe.capture.v4l2_device import ControlRange, FrameSizes, Mode, RawFrame, V4L2Device
+from lfpipe.host.worker import serve
 from lfpipe.supervisor import process_table
 from lfpipe.transport.context import Context
 
@@ -131,12 +133,17 @@ def main(context: Context) -> None:
 
 if __name__ == "__main__":
     install()
+    if len(sys.argv) == 1:  # the child that `up` starts
+        from lfpipe.cli import prepare
+
+        serve(prepare.work, 1 << 40)
     process_table.STAGES = tuple(
         attrs.evolve(each, module="tests.faults.scripted_camera")
         if each.name == "capture"
         else each
         for each in process_table.STAGES
     )
-    from lfpipe.cli import run
+    from lfpipe.cli import launch, run
 
+    launch.PREPARER = "tests.faults.scripted_camera"
     run()

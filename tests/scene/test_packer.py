@@ -17,7 +17,14 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.host.file_lock import waited_for
 from lfpipe.scene import cache
-from lfpipe.scene.open_scene import PackerRequest, Packing, ask_manifest, open_scene, open_scenes
+from lfpipe.scene.open_scene import (
+    PackerRequest,
+    Packing,
+    ask_manifest,
+    find_packed,
+    open_scene,
+    pack_until_shown,
+)
 from lfpipe.scene.pack import open_pack
 from tests.scene import made
 from tests.support.world import runs, until
@@ -65,10 +72,11 @@ def test_a_packer_may_use_a_gigabyte_of_memory(folder: Path, scene_config: confi
 def test_a_folder_of_scenes_stands_for_them(folder: Path, scene_config: config.Scene) -> None:
     made.write_grid(folder.parent / "scene2", made.views(2, 2), "input_Cam{n:03d}.png")
     (folder.parent / "notes").mkdir()
-    opened = open_scenes([folder.parent], scene_config)
-    assert opened.scenes == [folder, folder.parent / "scene2"] and opened.field.rows == 3
-    if opened.packing is not None:
-        opened.packing.close()
+    request = find_packed([folder.parent], scene_config)
+    assert isinstance(request, PackerRequest)
+    packing, summary = pack_until_shown(request, None, complete=False)
+    packing.close()
+    assert packing.scenes == [folder, folder.parent / "scene2"] and summary.rows == 3
 
 
 def test_a_killed_packer_leaves_a_pack_that_the_next_completes(

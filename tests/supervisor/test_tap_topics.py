@@ -5,7 +5,7 @@ from collections import defaultdict
 from pathlib import Path
 
 from lfpipe.supervisor.process_table import STAGES
-from lfpipe.supervisor.tap_topics import TOPICS
+from tests.supervisor.tap_topics import TOPICS
 from tests.support.source import nodes
 
 ROOT = Path(__file__).parents[2]

@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from lfpipe.cli import cli
-from lfpipe.cli.launch import with_engine
+from lfpipe.cli.prepare import with_engine
 from lfpipe.config import Config, Track
 from lfpipe.errors import UserError
 from lfpipe.track import models

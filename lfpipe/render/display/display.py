@@ -1,8 +1,11 @@
 """The base class of displays, which shows nothing, and that of `--display none`."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from typing import TYPE_CHECKING
 
 import attrs
 import numpy as np
@@ -10,7 +13,9 @@ from numpy.typing import NDArray
 
 from lfpipe.host.presentation import Presented
 from lfpipe.render.display.overlay import Event, Overlay, Pointer
-from lfpipe.render.synthesis.pair_layout import Pair
+
+if TYPE_CHECKING:
+    from lfpipe.render.synthesis.pair_layout import Pair
 
 
 @attrs.frozen

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.cli.launch import UpArguments, prepare
+from lfpipe.cli.launch import UpArguments
+from lfpipe.cli.prepare import prepare
 from lfpipe.errors import UserError
 from lfpipe.extras.share.target import check_target, parse_target
 from tests.support.refusal import refusal

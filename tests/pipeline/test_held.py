@@ -1,0 +1,59 @@
+"""What the processes of a session hold for its whole length: libraries, and shared memory."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.support.world import World
+from tests.support.xvfb_screen import Screen
+
+# what only some stages need: 97 MB
+LIBRARIES = re.compile(r"/(cv2|pygame|PIL|skimage|scipy)/")
+# what lives as long as a session, or beside it
+LASTING = (
+    "lfpipe.cli.launch",
+    "lfpipe.cli.sessions",
+    "lfpipe.extras.exhibition.kiosk",
+    "lfpipe.extras.share.requests",
+    "lfpipe.monitor.monitor",
+    "lfpipe.scene.open_scene",
+    "lfpipe.supervisor.supervisor",
+)
+
+
+def libraries(pid: int) -> set[str]:
+    return set(LIBRARIES.findall(Path(f"/proc/{pid}/maps").read_text()))
+
+
+@pytest.mark.parametrize("module", LASTING)
+def test_what_lives_long_imports_no_library_of_a_stage(module: str) -> None:
+    look = f"import sys, {module}; print(*(one.__file__ for one in [*sys.modules.values()] if"
+    paths = subprocess.run(
+        [sys.executable, "-c", f"{look} getattr(one, '__file__', None)))"],
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+    ).stdout
+    assert "/lfpipe/" in paths and not set(LIBRARIES.findall(paths))
+
+
+@pytest.mark.native("/proc lists what a process has mapped")
+def test_a_session_holds_what_its_stages_need(world: World, scene: Path, screen: Screen) -> None:
+    world.env["DISPLAY"] = screen.name
+    process = world.shows(scene, camera="mouse", display="window")
+    pids = {name: one["pid"] for name, one in world.monitor()["stages"].items() if one["pid"]}
+    assert libraries(pids["render"]) >= {"cv2", "pygame"}
+    assert not world.segments("frames"), "nobody writes frames"
+    assert world.ask(cmd="viewer", source="demo")["ok"]
+    assert world.segments("frames")
+    world.wait_for(lambda: world.monitor()["stages"]["track"]["face"], "its eyes")
+    assert world.ask(cmd="viewer", source="mouse")["ok"]
+    assert world.ask(cmd="viewer", source="demo")["ok"]
+    assert world.ask(cmd="load", scene=str(scene))["ok"]
+    world.wait_for(lambda: world.monitor()["stages"]["track"]["face"], "its eyes again")
+    assert not libraries(process.pid)
+    world.ctl("stop")
+    world.ended(process)
