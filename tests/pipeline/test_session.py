@@ -147,9 +147,10 @@ def test_stages_that_are_killed_or_hang_come_back(world: World, scene: Path) -> 
         after = world.monitor()
         assert after["stages"][stage]["pid"] != before["stages"][stage]["pid"]
         assert [row["restarts"] for row in after["stages"].values()].count(0) == 3 - number
-        assert [line["seq"] for line in lines] == list(range(len(lines))), (
-            "the trace and its count survive"
-        )
+        numbers = [line["seq"] for line in lines]
+        assert numbers == sorted(set(numbers)), "the trace and its count survive"
+        # a picture is counted before its line is written: that of the kill may have none
+        assert numbers[-1] - len(lines) < (stage == "render"), numbers
         assert lines[-1]["epoch"] == 1, "capture is another one"
     pids = [row["pid"] for row in after["stages"].values()]
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does
