@@ -90,7 +90,7 @@ SCENES = "SCENE PATH views boxes antinous rectified Bikes buddha raster pair sli
 SCENES += " flower_eslf.png"
 ELSEWHERE = {  # commands that are not run here, and why
     r"--(web|kiosk|on|latency)\b|calibrate|kiosk": "runs until somebody ends it",
-    r"cameras|record$": "needs a camera",
+    r"cameras|record$|camera:0": "needs a camera",
     r"live:": "needs a camera, or a program: tests/pipeline/test_live_field.py",
     r"models get|10\.0\.0\.7": "needs a network",
     r"scenes/|lf\.h5|slide\.mp4": "needs more than a small scene",

@@ -120,11 +120,12 @@ def test_a_slot_wakes_the_readers_that_run(session: Session, make: Make) -> None
     context = make("track", False)
     eyes = context.output("eyes")
     context.table.rows["render"]["state"] = State.STARTING
-    context.table.rows["share"]["state"] = State.DEAD
+    context.table.rows["record"]["state"] = State.DEAD
     eyes.begin()
     eyes.publish(0, 1, 1)
     woken = {reader: Wake(session.wake("eyes", reader)).drain() for reader in consumers()["eyes"]}
-    assert woken == {"render": 1, "record": 0, "share": 0}
+    assert {reader for reader, slots in woken.items() if slots} == {"render"}
+    assert "record" in woken
 
 
 def test_report_lost_counts_a_lost_output(make: Make) -> None:
