@@ -1,5 +1,6 @@
 """A session does little while nothing changes, and reacts at once when something does."""
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +37,14 @@ def test_window_rests_while_the_mouse_stands_still(
         "a picture",
     )
     assert moved["missed"] == before["missed"]
-    world.wait_for(lambda: not idle(world), "a session at work")
+
+    def works() -> bool:
+        """While the mouse moves: the supervisor looks once a second."""
+        world.xdotool("mousemove", *next(places))
+        return not idle(world)
+
+    places = itertools.cycle([(40, 40), (80, 60)])
+    world.wait_for(works, "a session at work")
 
 
 @pytest.mark.live
