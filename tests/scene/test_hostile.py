@@ -174,7 +174,7 @@ def saved(save: Callable[..., None], *values: Any, **more: Any) -> bytes:
 
 
 ARRAY = saved(np.save, GRID)
-ARRAYS = {  # and what is said of them
+ARRAYS = {  # and the message about each
     "short.npy": (ARRAY[:500], r"short\.npy"),
     "cut.npy": (ARRAY[:50], r"cut\.npy"),
     "empty.npy": (b"", r"empty\.npy"),

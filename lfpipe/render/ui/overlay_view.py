@@ -60,7 +60,7 @@ PRESSED_OR_NOT = (pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP)
 EDGE_PX = 12  # from the window's edge
 GAP_PX = 4  # between two notices
 MIN_TEXT_PX = 16  # of a line: its letters have 12 px, which are still legible
-MIN_MENU_PX = 12  # of a menu in a window below 450 px, where all items are to be reached
+MIN_MENU_PX = 12  # of a menu in a window below 450 px, where every item must be reachable
 COLUMN_UNITS = 4  # between two columns of text
 COLUMN_LETTERS = 6  # least width of a column over the height of its lines: two words
 # of the window that lines of text may take: the picture below stays visible
