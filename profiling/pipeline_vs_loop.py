@@ -3,16 +3,19 @@ start, in alternating runs.
 
     python -m profiling.pipeline_vs_loop [VIDEO [SCENE]] [--pace 30|60|max] [--rounds 3]
     [--seconds 12]
-        [--config paper] [--set KEY=VALUE]... [--cpus 0,1]
+        [--config paper] [--set KEY=VALUE]... [--cpus 0,1] [--busy]
 
 VIDEO and SCENE: the demo's if not given. Latency is t_composed_ns - t_read_ns, the median of a run.
 CPU is of all processes. Only with --pace max does the loop decode frames as it runs. Prints the
-load of the machine, a row per run, and the median of the ratios with their range. The ratios hold
-on an idle machine: other programs delay several processes more than one loop.
+load of the machine, a row per run, and the median of the ratios with their range. --busy starts a
+program for each of the cores that never waits, and whose CPU is then part of lfpipe's; otherwise,
+let nothing else run.
 """
 
+import atexit
 import itertools
 import os
+import sys
 
 import numpy as np
 
@@ -26,6 +29,7 @@ from lfpipe.bench.pipeline import (
     write_views,
 )
 from lfpipe.config import load
+from lfpipe.host.child import Child
 from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import demo_scene
 from lfpipe.scene.open_scene import open_scene
@@ -65,6 +69,7 @@ def main() -> None:
     parser.add_argument("--config", default="paper")
     parser.add_argument("--set", dest="sets", action="append", default=[])
     parser.add_argument("--cpus", default="0,1")
+    parser.add_argument("--busy", action="store_true")
     args = parser.parse_args()
     print(load_text(os.getloadavg()[0], os.cpu_count() or 1), flush=True)
     os.sched_setaffinity(0, {int(cpu) for cpu in args.cpus.split(",")})
@@ -86,6 +91,8 @@ def main() -> None:
         decode=fast,
     )
     options = settings_of(args.config, [f"render.alpha_px={PAPER_ALPHA_PX}", *args.sets])
+    for _ in args.cpus.split(",") if args.busy else ():
+        atexit.register(Child([sys.executable, "-c", "while True: pass"]).close)
     pairs = []
     for k in range(args.rounds):
         runs = {
@@ -99,7 +106,7 @@ def main() -> None:
                 f"{k} {name:9}" + "".join(f"{value:12.3f}" for value in values.values()), flush=True
             )
         pairs.append(runs)
-    for name in ("p50 ms", "frames/s", "cores", "first s"):
+    for name in ("p50 ms", "frames/s", *([] if args.busy else ["cores"]), "first s"):
         ratios = [runs["lfpipe"][name] / runs["loop"][name] for runs in pairs]
         print(
             f"ratio {name:<9} median {np.median(ratios):.3f}   {min(ratios):.3f} to"
