@@ -62,6 +62,21 @@ def _log_as_before(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     root.propagate = propagate
 
 
+@pytest.fixture(autouse=True)
+def _policy_stays() -> Iterator[None]:
+    """A library of codecs may give this process a real-time policy: busy children would then stop
+    the machine.
+    """
+    if not hasattr(os, "sched_getscheduler"):
+        yield
+        return
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    yield
+    if os.sched_getscheduler(0) != before[0]:
+        os.sched_setscheduler(0, *before)
+        pytest.fail("the test gave its process another scheduling policy")
+
+
 LONGEST_ROOMS = {"sweep"}  # first: at the end one worker would wait for the other
 
 

@@ -20,6 +20,7 @@ from lfpipe.scene.video import Video
 from tests.scene import made
 from tests.scene.test_pictures import jpeg
 from tests.scene.writers import one
+from tests.support.films import write_av1
 from tests.support.stereo_files import (
     DISPARITY,
     PANORAMA,
@@ -258,15 +259,9 @@ def test_halves_too_small_for_a_view_are_refused(tmp_path: Path, size: tuple[int
 def test_a_codec_that_opencv_lacks_is_read_by_pyav_or_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    av = pytest.importorskip("av")
-    path = tmp_path / "slide.mp4"
+    pytest.importorskip("av")
     line = made.views(1, 6, 96, 128, 3.0, 0.5)[0]
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("libsvtav1", rate=10, options={"preset": "10", "crf": "10"})
-        stream.width, stream.height, stream.pix_fmt = 128, 96, "yuv420p"
-        for view in [*line]:
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(view, format="rgb24")))
-        container.mux(stream.encode())
+    path = write_av1(tmp_path / "slide.mp4", line)
     video = Video(path)
     assert (video.frames, video.width_px, video.height_px) == (6, 128, 96)
     for frame in (3, 0, 5):

@@ -1,6 +1,8 @@
 """Films for tests."""
 
 from collections.abc import Iterable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -23,3 +25,24 @@ def write_film(
         writer.write(frame)
     writer.release()
     return path
+
+
+def write_av1(path: Path, frames: NDArray[Any]) -> Path:
+    """An AV1 video of RGB frames; returns its path. A process of its own encodes: as root, SVT-AV1
+    gives the thread that calls it a real-time policy, which all processes started later inherit.
+    """
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as other:
+        other.submit(_encode_av1, path, frames).result()
+    return path
+
+
+def _encode_av1(path: Path, frames: NDArray[Any]) -> None:
+    import av
+
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libsvtav1", rate=10, options={"preset": "10", "crf": "10"})
+        stream.height, stream.width = frames.shape[1:3]
+        stream.pix_fmt = "yuv420p"
+        for frame in frames:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format="rgb24")))
+        container.mux(stream.encode())
