@@ -1,5 +1,6 @@
 """Plug-ins that fail: named with their package, and skipped if alternatives exist."""
 
+import contextlib
 import os
 import sys
 import time
@@ -356,6 +357,22 @@ def test_plugin_layout_that_ends_or_blocks_the_packer_is_named_and_skipped(
     assert time.monotonic() - began < 60, "it is not tried again"
     with pytest.raises(PluginError, match=rf"bad of bad 1\.0 .* {why}"):
         open_scene.ask_manifest(scene, Scene(layout="bad"))
+
+
+def test_plugin_layout_is_named_by_the_last_that_the_packer_has_written(
+    install: Install, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    install({LAYOUTS: "bad = bad_parts"}, detect="import os; os._exit(0)")
+    monkeypatch.setattr(open_scene.Packing, "faults", {})
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path / "packages"), *sys.path]))
+    scene = made.write_grid(tmp_path / "png", made.wall(2, 2, 32, 40))
+    settings = Scene(cache_dir=str(tmp_path / "cache"))
+    request = open_scene.PackerRequest(do="info", scenes=[str(scene)], settings=settings)
+    with contextlib.closing(open_scene.Packing(request)) as packing:
+        packing._process.wait(60)  # nothing is read before its end
+        packing.wait()
+        assert packing.result()["rows"] == 2
+    assert "ends the process" in open_scene.Packing.faults["bad"]
 
 
 def test_plugin_layout_that_blocks_the_first_preview_is_not_tried_for_the_others(

@@ -94,8 +94,15 @@ class Worker:
 
     @property
     def done(self) -> bool:
-        """Whether the child has ended, or has exceeded its time."""
-        return self._process.exit_code is not None or self._is_stuck()
+        """Whether the child has ended and its output is read, or it has exceeded its time."""
+        return self._exit_code() is not None or self._is_stuck()
+
+    def _exit_code(self) -> int | None:
+        """The child's exit code, after its last output is read; None while it runs."""
+        code = self._process.exit_code
+        while code is not None and self._open and connection.wait(self.fds, LAST_OUTPUT_S):
+            self.read()
+        return code
 
     def read(self) -> None:
         """Reads the child's output, at most 1 MB of it: an endless writer does not block the
@@ -145,10 +152,7 @@ class Worker:
 
         Raises UserError if it refused, failed or took too long.
         """
-        ended = self._process.exit_code
-        self.read()
-        while ended is not None and self._open and connection.wait(self.fds, LAST_OUTPUT_S):
-            self.read()
+        ended = self._exit_code()
         file = self._open_file() if ended is None else self._reading or self.subject
         self.close()
         verdict = self._verdict or {}

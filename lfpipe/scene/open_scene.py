@@ -82,9 +82,10 @@ class Packing(Worker):
     @property
     def done(self) -> bool:
         """See `Worker.done`."""
-        fault = self._fault() if super().done else None
+        done = super().done
+        fault = self._fault() if done else None
         if fault is None or fault.name == self.request.settings.layout:
-            return super().done
+            return done
         log.warning("%s; it is skipped", fault.message)
         self.faults[fault.name] = fault.message
         self.close()
