@@ -223,7 +223,7 @@ def measured(camera: str = CAMERA, **changes: object) -> config.Config:
     """A configuration in which the loop was measured on the second monitor; then something
     changed.
     """
-    here = device_latency_conditions("2026-11-21", camera, config.Camera(), DESK[1])
+    here = f"2026-11-21; {device_latency_conditions(camera, config.Camera(), DESK[1])}"
     sets = {"render.device_latency_ms": 61.5, "render.device_latency_measured": here}
     return config.updated(config.updated(config.Config(), sets), changes)
 

@@ -22,7 +22,7 @@ from lfpipe.render.ui.folders import folder_menu
 from lfpipe.render.ui.glasses import KINDS, glasses_menu
 from lfpipe.render.ui.keys import ACTION_OF, DEPTH, HELP, KEYS, bar_items
 from lfpipe.render.ui.look import NOT_LIT
-from lfpipe.render.ui.overlay_view import EDGE_PX, ItemPanel, OverlayView, bar_panel
+from lfpipe.render.ui.overlay_view import EDGE_PX, ItemPanel, OverlayView, bar_panel, menu_panel
 from tests.display.test_window import GREY, becomes, pressed, window  # noqa: F401  (fixture)
 from tests.support.xvfb_screen import Screen
 
@@ -346,3 +346,13 @@ def test_bar_comes_with_the_mouse_and_a_click_is_a_key(
             pygame.event.Event(name, pos=scenes, rel=(1, 1), buttons=(0, 0, 0), button=1)
         )
     assert pressed(display) == ["choose"] and not display.pointer.left
+
+
+def test_tile_shows_both_ends_of_a_long_name() -> None:
+    def drawn(name: str) -> bytes:
+        tiles = Menu("title", "hint", (Item(name, Event("load", name), icon="file"),), 0)
+        return bytes(pygame.image.tobytes(menu_panel(tiles, 0, (640, 480), 14).surface, "RGB"))
+
+    stem = "IMG_20260101_120000_" + "burst_" * 60
+    first, other, late = drawn(f"{stem}a.jpg"), drawn(f"{stem}b.jpg"), drawn(f"J{stem}a.jpg")
+    assert len({first, other, late}) == 3

@@ -31,13 +31,12 @@ def _measure(camera: str | None, config: Config, **_: Any) -> None:
     print_result(
         f"exposure {delay.exposure_ms:.0f} ms, on monitor {monitor.name} at {monitor.rate_hz:g} Hz"
     )
-    here = device_latency_conditions(
-        datetime.date.today().isoformat(), name, config.camera, monitor
-    )
+    here = device_latency_conditions(name, config.camera, monitor)
+    today = datetime.date.today().isoformat()
     write_keys(
         user_file(),
         "render",
-        {"device_latency_ms": device_latency_ms, "device_latency_measured": here},
+        {"device_latency_ms": device_latency_ms, "device_latency_measured": f"{today}; {here}"},
     )
     print_result(
         f"render.device_latency_ms written to {user_file()}: the next session predicts by it"

@@ -112,14 +112,11 @@ def detect_monitors() -> tuple[str, list[Monitor]]:
         pygame.display.quit()
 
 
-def device_latency_conditions(date: str, camera: str, asked: Camera, monitor: Monitor) -> str:
-    """The value of render.device_latency_measured.
-
-    date: YYYY-MM-DD. camera: the driver's name. asked: its settings.
-    """
+def device_latency_conditions(camera: str, asked: Camera, monitor: Monitor) -> str:
+    """What a device latency holds for. camera: the driver's name. asked: its settings."""
     rate = "auto rate" if isinstance(asked.rate_hz, str) else f"{asked.rate_hz:g} Hz"
     mode = f"{asked.width_px}x{asked.height_px} {asked.format} {rate}"
-    texts = (date, camera, mode, monitor.name, f"{monitor.rate_hz:g} Hz")
+    texts = (camera, mode, monitor.name, f"{monitor.rate_hz:g} Hz")
     return "; ".join(text.replace(";", ",") for text in texts)
 
 
@@ -128,7 +125,7 @@ def device_latency_doubt(config: Config, camera: str, monitors: list[Monitor]) -
     the camera in use. monitors: all connected ones; without screen.monitor the window may be on
     any of them.
     """
-    date, _, then = config.render.device_latency_measured.partition("; ")
+    _, _, then = config.render.device_latency_measured.partition("; ")
     if not then:
         return "it was set by hand, not measured" if config.render.device_latency_ms else ""
     asked = str(config.screen.monitor).lower()
@@ -137,10 +134,7 @@ def device_latency_doubt(config: Config, camera: str, monitors: list[Monitor]) -
         for monitor in monitors
         if asked in ("", str(monitor.number)) or asked in monitor.name.lower()
     ]
-    now = [
-        device_latency_conditions(date, camera, config.camera, monitor).removeprefix(f"{date}; ")
-        for monitor in here
-    ]
+    now = [device_latency_conditions(camera, config.camera, monitor) for monitor in here]
     if then in now:
         return ""
     return f"measured with {then}; now it is {' or '.join(now) or 'another monitor'}".replace(

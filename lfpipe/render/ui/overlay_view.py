@@ -349,12 +349,16 @@ def _draw_tile(
     focused: bool,
     unit: int,
 ) -> None:
-    """A card with a picture and below it the label, cut after two lines."""
+    """A card with a picture and below it the label, in at most two lines: of a longer one, both
+    ends, because names of files often differ at the end.
+    """
     draw_card(surface, rect, unit, item.event == lit.event, lit.pressed, focused)
     room = rect.inflate(-2 * unit, -2 * unit)
-    label = drawable(item.label)
-    while len(label) > 1 and letters.size(label)[0] > 2 * room.width - 4 * unit:
-        label = label[:-2].rstrip() + "…"
+    whole = label = drawable(item.label)
+    kept = len(whole)
+    while kept > 2 and letters.size(label)[0] > 2 * room.width - 4 * unit:
+        kept -= 1
+        label = f"{whole[: kept - kept // 2]}…{whole[-(kept // 2) :]}"
     letters.align = pygame.FONT_CENTER
     text = letters.render(label, True, TEXT, None, max(1, room.width))
     letters.align = pygame.FONT_LEFT
