@@ -53,6 +53,7 @@ def check_live(text: str, config: Config) -> LiveSource:
         tiles_across=across,
         frame_px=frame_px,
         jpeg=info.jpeg and info.size_px == frame_px,
+        drawn=isinstance(kind, RingKind),
         depth=own.get("layout") == DEPTH and not isinstance(kind, RingKind | RowKind),
     )
     down = rows * cols // across

@@ -41,7 +41,7 @@ from lfpipe.sequence.folder import (
     remove_empty,
 )
 from lfpipe.sequence.packets import encoded
-from lfpipe.sequence.views import open_views
+from lfpipe.sequence.views import Known, open_views
 from lfpipe.supervisor.supervisor import run_session
 from lfpipe.transport.session import Session
 
@@ -174,6 +174,7 @@ def _check(path: Path) -> None:
     if views is not None:
         checks += [
             (partial(views[0].frame, seq) for seq in range(len(views[0].packets))),
+            (partial(Known.of, *views, seq) for seq in range(len(views[0].packets))),
             (partial(check_sums, views[0]),),
         ]
     said: list[str] = []

@@ -102,6 +102,8 @@ class LiveSource:
     frame_px: tuple[int, int]
     # whether a frame is a picture and its depth, in place of two views
     depth: bool = False
+    # whether a program draws it, which may know its disparity
+    drawn: bool = False
     # of two cameras, measured by `lfpipe calibrate`
     placement: Placement | None = None
     # whether a frame comes as a JPEG

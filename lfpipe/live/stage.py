@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from lfpipe.live.depth_picture import DepthPicture
 from lfpipe.live.estimator import UNTURNED, Estimator, Found
-from lfpipe.live.program import Program
+from lfpipe.live.program import Program, RecordedProgram
 from lfpipe.live.records import VIEWPOINTS, Pair, pairs_in_need, views_of
-from lfpipe.live.shared_scene import RING, two_cameras
+from lfpipe.live.shared_scene import two_cameras
 from lfpipe.transport import ring
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
@@ -38,7 +38,9 @@ class DisparityStage:
         self._views = context.input("views")
         self._viewpoints = ring.Reader(context.spec.session.segment("viewpoints"))  # wakes nobody
         self._output = context.output("disparity")
-        self._program = Program(live) if live.source.startswith(RING) else None
+        self._program: Program | RecordedProgram | None = None
+        if live.drawn:
+            self._program = RecordedProgram(live) if live.recorded else Program(live)
         self._depth = DepthPicture(live) if live.depth else None
         self._estimator = Estimator(live, aligns=two_cameras(live))
         self._at = np.zeros((), VIEWPOINTS)

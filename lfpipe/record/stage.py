@@ -2,7 +2,7 @@
 
 Reads: ring "frames", every slot in order; the ring of option "packets", the source's JPEGs if it
 delivers them; of a session of the mouse, ring "eyes" in place of frames; of a live scene, ring
-"views" and that of option "jpeg_views".
+"views" and that of option "jpeg_views"; of one that a program draws, the ring of that.
 Writes: the sequence in the folder of option "record", and the one of a live scene in a folder of
 it; they end when the option changes.
 Commands: stop. Asks: record (to end the recording, if writing fails).
@@ -16,7 +16,7 @@ from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import attrs
 import numpy as np
@@ -28,10 +28,10 @@ from lfpipe.eyes import EYES
 from lfpipe.host.files import exists
 from lfpipe.host.machine import versions
 from lfpipe.host.processes import yield_to_others
-from lfpipe.live.shared_scene import RING
+from lfpipe.live.program import Program
 from lfpipe.sequence.eyes import eyes_line
 from lfpipe.sequence.folder import MANIFEST, VIEWS, SequenceWriter, make_out, remove_empty
-from lfpipe.sequence.packets import encoded
+from lfpipe.sequence.packets import encoded, scene_packet
 from lfpipe.sequence.views import about_grid
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
 from lfpipe.transport.context import Context
@@ -44,8 +44,16 @@ ROOM_BYTES = 128 << 20
 MIN_FRAMES = 8  # in that buffer, however large they are
 SLOW_NS = SECOND_NS // 2  # a longer time per frame is reported
 
-# a packet with its codec or, with codec "", a picture
-Frame = tuple[Stamp, str, NDArray[np.uint8] | bytes]
+
+class Frame(NamedTuple):
+    """What is stored of a frame."""
+
+    stamp: Stamp
+    codec: str
+    """"" for a picture that is not encoded yet."""
+    data: NDArray[np.uint8] | bytes
+    known: bytes = b""
+    """Besides, what a program knew of it."""
 
 
 class FramesInOrder(Protocol):
@@ -76,8 +84,12 @@ class FrameReader:
         frame_px: tuple[int, int],
         packets: str,
         jpeg_px: tuple[int, int] | None,
+        program: Program | None = None,
     ) -> None:
-        """name: of the ring. packets: of that of the JPEGs; "" without one."""
+        """name: of the ring. packets: of that of the JPEGs; "" without one. program: that draws
+        the frames.
+        """
+        self._program = program
         self._row = context.row
         self._frames = context.input(name)
         self._ring_px = self.size_px = frame_px
@@ -103,7 +115,7 @@ class FrameReader:
             packet = self._packets.of(stamp) if self._packets else None
             if packet is not None:
                 self._begun = True
-                return stamp, "jpeg", packet
+                return Frame(stamp, "jpeg", packet)
             if self._packets is not None and self._packets.ended:
                 # the recording is being stopped; capture has already stopped sending JPEGs
                 return None
@@ -111,14 +123,16 @@ class FrameReader:
                 self._row["drops"] += self._begun  # it is scaled, so it does not fit this recording
                 continue
             picture = slot.copy()
+            known = b"" if self._program is None else self._program.packed(stamp)
             if self._frames.still_valid(stamp):
-                return stamp, "", picture
+                return Frame(stamp, "", picture, known)
         return None
 
     def close(self) -> None:
-        """Unmaps the packets."""
-        if self._packets is not None:
-            self._packets.close()
+        """Unmaps the packets and the program's ring."""
+        for part in (self._packets, self._program):
+            if part is not None:
+                part.close()
 
 
 class EyesReader:
@@ -138,7 +152,7 @@ class EyesReader:
         stamp = self._eyes.take(self._record, in_order=True)
         if stamp is None:
             return None
-        return stamp, "eyes", eyes_line(self._record, source_seq=stamp.source_seq)
+        return Frame(stamp, "eyes", eyes_line(self._record, source_seq=stamp.source_seq))
 
     def close(self) -> None:
         """Nothing to do."""
@@ -177,7 +191,7 @@ class Store:
     def put(self, frame: Frame) -> None:
         """Adds a frame. Its time stamp is after that of the frame before."""
         self._hurry = len(self._pending) > self._room // 4
-        self._pending.append((frame[0], now_ns(), self._thread.submit(self._write, *frame)))
+        self._pending.append((frame.stamp, now_ns(), self._thread.submit(self._write, frame)))
 
     def results(self) -> Iterator[tuple[Stamp, int, int]]:
         """(stamp, t_taken_ns, t_stored_ns) of the frames that were stored since the last call."""
@@ -186,18 +200,21 @@ class Store:
             if t_stored_ns := stored.result():
                 yield stamp, t_taken_ns, t_stored_ns
 
-    def _write(self, stamp: Stamp, codec: str, frame: NDArray[np.uint8] | bytes) -> int:
+    def _write(self, frame: Frame) -> int:
         """When the frame was stored; 0 if it was not."""
+        stamp, codec, data, known = frame
         if self.failure:
             return 0
         self._begun_ns = now_ns()
         try:
-            if isinstance(frame, bytes):
-                packet = frame
+            if isinstance(data, bytes):
+                packet = data
             else:
-                lossless = "raw" if self._hurry else "png"
+                lossless = "raw" if self._hurry and not known else "png"
                 codec = lossless if self._lossless else "jpeg"
-                packet = encoded(frame, codec)
+                packet = encoded(data, codec)
+            if known:
+                codec, packet = "scene", scene_packet(packet, known)
             self._writer.append(
                 packet, codec, stamp.source_seq, stamp.epoch, stamp.t_sensor_ns, stamp.t_read_ns
             )
@@ -253,7 +270,7 @@ class Stream:
     def take(self) -> None:
         """Passes new frames to the store while it has space."""
         while not self.store.full and (frame := self.reader.take()) is not None:
-            t_sensor_ns = frame[0].t_sensor_ns
+            t_sensor_ns = frame.stamp.t_sensor_ns
             if t_sensor_ns > self._last_ns:
                 self._last_ns = t_sensor_ns
                 self.store.put(frame)
@@ -286,11 +303,10 @@ class Recorder:
         self._viewer = Stream(context, folder, reader, viewer.source, viewer.rate_hz, config=config)
         self._streams = [self._viewer]
         live = options.live
-        if live is not None and live.source.startswith(RING):
-            context.notify(f"{live.source}: its program draws the views again: not recorded")
-        elif live is not None:
+        if live is not None:
             px, hz, grid = live.frame_px, camera.nominal_hz, about_grid(live)
-            views = FrameReader(context, "views", px, options.jpeg_views, px)
+            program = Program(live) if live.drawn else None
+            views = FrameReader(context, "views", px, options.jpeg_views, px, program)
             self._streams.append(Stream(context, folder / VIEWS, views, live.source, hz, **grid))
         self._lost_before = int(context.row["drops"]) if self._viewer.anew else 0
         for stream in self._streams:

@@ -273,7 +273,8 @@ def open_sequence(path: Path, verify: bool = True) -> Sequence:
     if complete and len(packets) != frames:
         raise UserError(f"{path}: {len(packets)} frames, but {frames} were recorded", COPY)
     largest = packets.largest()
-    most = 3 * width_px * height_px + HEADER_BYTES
+    # of a scene, maps of a quarter of the pixels besides
+    most = 4 * width_px * height_px + HEADER_BYTES
     if largest.bytes > most:
         raise UserError(
             f"{path}: frame {largest.seq} has {largest.bytes} bytes; one of {width_px}x{height_px}"

@@ -1,18 +1,74 @@
 """The second sequence of a recorded session: the frames of its live light field, in a folder of the
-viewer's sequence. Its manifest has the grid: rows, cols, tiles_across and depth, see `LiveSource`.
+viewer's sequence. Its manifest has the grid: rows, cols, tiles_across, depth and drawn, see
+`LiveSource`. Of a scene that a program draws, a packet also has what that knew of its frame.
 """
 
+import struct
+import zlib
 from pathlib import Path
 from typing import Any
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
 
 from lfpipe.config import LiveSource
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import check_links
 from lfpipe.files.untrusted import Fields
 from lfpipe.sequence.folder import MANIFEST, VIEWS, Sequence, is_sequence, open_sequence
-from lfpipe.sequence.packets import COPY
+from lfpipe.sequence.packets import COPY, REPAIR, scene_parts
 
-GRID = ("rows", "cols", "tiles_across", "depth")
+GRID = ("rows", "cols", "tiles_across", "depth", "drawn")
+_KNOWN = struct.Struct("<5d")  # step_px, positions
+
+
+@attrs.frozen(eq=False)
+class Known:
+    """What the program that draws a live scene knows of a frame."""
+
+    step_px: float
+    """Of the maps; 0 without them."""
+    positions: NDArray[np.float64]
+    """(2, 2): (row, col) of both eyes, if the first two views were drawn for them; else NaN."""
+    maps: NDArray[np.int8]
+    """(views, height, width), as in `LightField.disparity`, row by row."""
+
+    @property
+    def of_eyes(self) -> bool:
+        """Whether the first two views were drawn for the eyes, and no other one."""
+        return bool(np.isfinite(self.positions).all())
+
+    def packed(self) -> bytes:
+        """For a packet, see `of`."""
+        maps = self.maps[:2] if self.of_eyes else self.maps
+        numbers = _KNOWN.pack(self.step_px, *self.positions.ravel())
+        return numbers + zlib.compress(maps.tobytes(), level=1)
+
+    @classmethod
+    def of(cls, sequence: Sequence, live: LiveSource, index: int) -> "Known | None":
+        """That of a stored frame; None if the program gave nothing. live: of `open_views`.
+
+        Raises UserError if it is damaged.
+        """
+        if sequence.packets[index].codec != "scene":
+            return None
+        _, data = scene_parts(sequence.data(index))
+        numbers, packed = data[: _KNOWN.size], data[_KNOWN.size :]
+        height, width = (live.height_px + 1) // 2, (live.width_px + 1) // 2
+        views = live.rows * live.cols
+        try:
+            step_px, *at = _KNOWN.unpack(numbers)
+            positions = np.reshape(at, (2, 2))
+            views = 2 if np.isfinite(positions).all() else views
+            unpacked = zlib.decompressobj().decompress(packed, views * height * width + 1)
+            maps = np.frombuffer(unpacked, np.int8).reshape(views, height, width)
+        except (struct.error, zlib.error, ValueError):
+            raise UserError(
+                f"{sequence.path}: frame {index}: has not the disparity of its {views} views",
+                REPAIR,
+            ) from None
+        return cls(step_px, positions, maps)
 
 
 def about_grid(live: LiveSource) -> dict[str, Any]:
@@ -37,6 +93,7 @@ def open_views(recording: Path, verify: bool = True) -> tuple[Sequence, LiveSour
     rows = grid.integer("rows", 1, height_px)
     across = grid.integer("tiles_across", 1, rows * cols)
     depth = grid.flag("depth")
+    drawn = "drawn" in grid.values and grid.flag("drawn")  # not in the first recordings
     down, rest = divmod(rows * cols, across)
     if (
         rest
@@ -57,5 +114,6 @@ def open_views(recording: Path, verify: bool = True) -> tuple[Sequence, LiveSour
         tiles_across=across,
         frame_px=sequence.size_px,
         depth=depth,
+        drawn=drawn,
         recorded=True,
     )

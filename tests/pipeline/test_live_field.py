@@ -1,7 +1,9 @@
 """Sessions that show a light field while it is captured: from a clip, and from a program."""
 
+import contextlib
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -28,9 +30,29 @@ with lfpipe.LiveScene(name, rows=1, cols=2, size_px=(128, 96)) as scene:
 """
 
 
+def started(world: World, *words: str) -> "subprocess.Popen[str]":
+    """PROGRAM, which draws the scene of the world's name."""
+    command = [sys.executable, "-c", PROGRAM, world.name, *words]
+    program = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=world.env)
+    assert program.stdout is not None and program.stdout.readline() == "ready\n"
+    return program
+
+
 def remove_left(name: str) -> None:
     """Removes what a program that was killed has left, as the next one of its name does."""
     lfpipe.LiveScene(name, rows=1, cols=2, size_px=(64, 48)).close()
+
+
+@contextlib.contextmanager
+def drawing(world: World, *words: str) -> Iterator[str]:
+    """The name of a scene that a program draws meanwhile."""
+    program = started(world, *words)
+    try:
+        yield f"live:ring:{world.name}"
+    finally:
+        program.kill()
+        program.wait()
+        remove_left(world.name)
 
 
 @pytest.fixture
@@ -73,20 +95,13 @@ def test_session_keeps_the_last_picture_of_a_program_and_finds_it_again(
     world: World, disparity: str
 ) -> None:
     name = world.name
-    command = [sys.executable, "-c", PROGRAM, name, *filter(None, [disparity])]
-
-    def started() -> "subprocess.Popen[str]":
-        program = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=world.env)
-        assert program.stdout is not None and program.stdout.readline() == "ready\n"
-        return program
-
-    program = started()
+    program = started(world, disparity)
     session = world.shows(Path(f"live:ring:{name}"), pictures=30)
     program.kill()
     program.wait()
     world.more_pictures(60)  # the viewer still moves in front of the last frame
     world.wait_for(lambda: world.monitor()["stages"]["views"]["state"] == "READY", "the loss")
-    program = started()
+    program = started(world, disparity)
     before = world.monitor()["stages"]["views"]["count"]
     world.wait_for(lambda: world.monitor()["stages"]["views"]["count"] > before + 20, "its return")
     program.terminate()

@@ -140,7 +140,7 @@ def test_any_error_in_the_thread_ends_the_recording_with_a_message(
     for number, picture in enumerate(
         (np.ones(SHAPE, np.uint8), np.zeros(SHAPE, np.uint8), np.ones(SHAPE, np.uint8))
     ):
-        store.put((stamp(number), "", picture))
+        store.put(stage.Frame(stamp(number), "", picture))
     store.close()
     assert (
         store.failure == "MemoryError"
@@ -160,7 +160,7 @@ def test_a_full_store_empties_itself_and_keeps_the_order(
     _, store = made(tmp_path)
     count = 0
     while not store.full:
-        store.put((stamp(count), "", np.zeros(SHAPE, np.uint8)))
+        store.put(stage.Frame(stamp(count), "", np.zeros(SHAPE, np.uint8)))
         count += 1
     gate.set()
     store.close()

@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 
 from lfpipe.sequence.folder import VIEWS, open_sequence
-from lfpipe.sequence.views import open_views
+from lfpipe.sequence.views import Known, open_views
 from tests.live import made
+from tests.pipeline.test_live_field import drawing
 from tests.render import rendered
 from tests.replay.test_record import frames
 from tests.support.films import write_film
@@ -60,3 +61,19 @@ def test_record_takes_a_scene_beside_the_camera(world: World, scene: str) -> Non
     out = world.root / "rec"
     said = world.done("record", out, "--camera", "demo", "--scene", scene, "--duration", 2, *SMALL)
     assert "of the scene" in said.stderr and open_views(out) is not None
+
+
+@pytest.mark.live
+def test_scene_of_a_program_is_replayed_with_the_disparity_that_it_gave(world: World) -> None:
+    out = world.root / "rec"
+    with drawing(world, "disparity") as live:
+        world.done("record", out, "--camera", "demo", "--scene", live, "--duration", 2, *SMALL)
+    opened = open_views(out)
+    assert opened is not None and opened[1].drawn and "scene" in opened[0].codecs
+    given = [known for k in range(len(opened[0].packets)) if (known := Known.of(*opened, k))]
+    assert given and not any(known.maps.any() for known in given)
+    world.done("replay", out, "--out", world.root / "first")
+    world.done("replay", out, "--pace", "max", "--expect", world.root / "first")
+    trace = (world.root / "first/trace.jsonl").read_text().splitlines()
+    lines = [line for line in map(json.loads, trace) if line.get("own_disparity")]
+    assert lines and len({line["disparity"] for line in lines}) == 1
