@@ -50,7 +50,7 @@ _MODULES = {
 }
 
 provide_home()
-# A program that sets up no logging hears nothing, as from any library.
+# A program that sets up no logging gets no messages, as from any library.
 logging.getLogger(__name__).addHandler(logging.NullHandler())
 # OpenCV reads these when it is imported. The first is a second limit behind lfpipe.files.pictures;
 # the second keeps FFmpeg from printing a line for every frame of a damaged video.

@@ -77,7 +77,7 @@ def _policy_stays() -> Iterator[None]:
         pytest.fail("the test gave its process another scheduling policy")
 
 
-LONGEST_ROOMS = {"sweep"}  # first: at the end one worker would wait for the other
+LONGEST_PACKAGES = {"sweep"}  # first: at the end one worker would wait for the other
 
 
 def pytest_xdist_auto_num_workers() -> int:
@@ -98,7 +98,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Func
     """
     if "soak" not in config.option.markexpr:
         items[:] = [item for item in items if item.get_closest_marker("soak") is None]
-    items.sort(key=lambda item: item.path.parent.name not in LONGEST_ROOMS)
+    items.sort(key=lambda item: item.path.parent.name not in LONGEST_PACKAGES)
     for item in items:
         if SESSIONS & set(item.fixturenames) and not any(
             map(item.get_closest_marker, ("everyday", "alone", "soak", "camera_vm"))

@@ -345,8 +345,8 @@ FAULTS = (
     Fault(
         "the governor forgets a loss",
         "supervisor/governor.py",
-        "self._required_s = min(2 * self._required_s, MAX_ROOM_S)",
-        "self._required_s = ROOM_S",
+        "self._required_s = min(2 * self._required_s, MAX_HEADROOM_S)",
+        "self._required_s = HEADROOM_S",
         "supervisor/test_governor.py",
     ),
 )

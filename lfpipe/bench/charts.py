@@ -17,7 +17,7 @@ MARKERS = "osD^vPX<>h"
 # distinguishable with a colour vision deficiency
 COLOURS = ("#0072b2", "#d55e00", "#008a63", "#b1548f", "#8a6d00", "#4b4fc4", "#7a7f86")
 DEFAULT, PAPER, OTHER, INK = "#0a62d0", "#c8202f", "#7a828c", "#1b1f24"
-ROOM = 1.25  # of an axis beyond the largest value
+MARGIN = 1.25  # of an axis beyond the largest value
 LOGARITHMIC = 10.0  # the largest over the least value of an axis that is not linear
 TICKS = (1.0, 2.0, 5.0)  # of a decade
 
@@ -138,7 +138,7 @@ def _scale(axes: "Axes", axis: str, values: list[float]) -> None:
     above = [value for value in values if value > 0]
     low, high = min(above, default=1.0), max(above, default=1.0)
     if high < LOGARITHMIC * low:
-        getattr(axes, f"set_{axis}lim")(0.0, high * ROOM)
+        getattr(axes, f"set_{axis}lim")(0.0, high * MARGIN)
         return
     getattr(axes, f"set_{axis}scale")("symlog", linthresh=low, linscale=0.4)
     decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)

@@ -34,7 +34,7 @@ _MP_ENTRIES, _MP_NUMBER = 0xB002, 0xB101  # tags of a JPEG's index (CIPA DC-007)
 _JPS = b"_JPSJPS_"  # begins the segment that describes a stereo JPEG
 # Bytes that a decoder needs for a byte of the picture: OpenCV a second copy; Pillow its planes, 4
 # bytes per pixel, and a copy (measured with AVIF: 3.9).
-_ROOM, _PILLOW_ROOM = 2, 4
+_COPIES, _PILLOW_COPIES = 2, 4
 _BY_PILLOW = ("AVIF", "GIF", "HEIF")
 _OTHERS = {  # beginnings of other kinds of files, under the names of pictures
     b"\xff\x0a": "JPEG XL",
@@ -272,13 +272,15 @@ def _unreadable(path: Path, why: str) -> UserError:
 
 def _failed(path: Path, header: Header, why: str) -> UserError:
     """The error of a decoder, which does not tell whether it had too little memory."""
-    room = (_PILLOW_ROOM if header.format in _BY_PILLOW else _ROOM) * header.decoded_bytes
+    needed_bytes = (
+        _PILLOW_COPIES if header.format in _BY_PILLOW else _COPIES
+    ) * header.decoded_bytes
     try:
-        np.empty(room, np.uint8)
+        np.empty(needed_bytes, np.uint8)
     except MemoryError:
         return UserError(
             f"{path}: decoding {header.size} of {header.format} needs more memory than is left here"
-            f" ({room / 1e6:.0f} MB)",
+            f" ({needed_bytes / 1e6:.0f} MB)",
             "make it smaller",
         )
     return _unreadable(path, why)

@@ -40,7 +40,7 @@ from lfpipe.transport.ring import Stamp
 
 FULL_NS = 5 * MS_NS  # between checks of a full store
 # buffer of frames to encode: some seconds, so that a slow disk loses no frame
-ROOM_BYTES = 128 << 20
+BUFFER_BYTES = 128 << 20
 MIN_FRAMES = 8  # in that buffer, however large they are
 SLOW_NS = SECOND_NS // 2  # a longer time per frame is reported
 
@@ -168,7 +168,7 @@ class Store:
     def __init__(self, writer: SequenceWriter, frame_bytes: int, lossless: bool) -> None:
         self._writer = writer
         self._lossless = lossless
-        self._room = max(MIN_FRAMES, ROOM_BYTES // frame_bytes)
+        self._max_frames = max(MIN_FRAMES, BUFFER_BYTES // frame_bytes)
         # Yields to threads that wake up for a live picture. A lower priority would be wrong:
         # preempted while it holds the GIL, this thread would block the other one.
         self._thread = ThreadPoolExecutor(1, "store", yield_to_others)
@@ -180,7 +180,7 @@ class Store:
     @property
     def full(self) -> bool:
         """Whether the buffer is full. `results` frees space."""
-        return len(self._pending) >= self._room
+        return len(self._pending) >= self._max_frames
 
     @property
     def slow(self) -> bool:
@@ -190,7 +190,7 @@ class Store:
 
     def put(self, frame: Frame) -> None:
         """Adds a frame. Its time stamp is after that of the frame before."""
-        self._hurry = len(self._pending) > self._room // 4
+        self._hurry = len(self._pending) > self._max_frames // 4
         self._pending.append((frame.stamp, now_ns(), self._thread.submit(self._write, frame)))
 
     def results(self) -> Iterator[tuple[Stamp, int, int]]:

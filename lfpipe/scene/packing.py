@@ -69,7 +69,7 @@ from lfpipe.scene.source import Progress
 
 T = TypeVar("T")
 Score = Callable[[LightField], MethodScores]
-_ROOM_BYTES = 200_000_000  # for views that are processed at the same time
+_BUFFER_BYTES = 200_000_000  # for views that are processed at the same time
 _INTERIM_PX = 1 / 64  # step of the interim int16 maps, until the range of the whole scene is known
 _UNKNOWN = -32768  # in the interim maps: UNKNOWN
 _NO_LIMIT_PX = 400.0  # larger disparities between neighbours are impossible
@@ -261,7 +261,7 @@ def run_parallel(
     """
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)  # the pool is the parallelism
-    pool = ThreadPoolExecutor(max(1, min(4, len(usable_cores()), _ROOM_BYTES // item_bytes)))
+    pool = ThreadPoolExecutor(max(1, min(4, len(usable_cores()), _BUFFER_BYTES // item_bytes)))
     try:
         for number, _ in enumerate(pool.map(work, items), before + 1):
             report(number)

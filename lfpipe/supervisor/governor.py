@@ -23,16 +23,16 @@ from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.status import State
 
 # viewers notice lag immediately; frequent changes of level are more annoying than a lower one
-LAG_S, ROOM_S = 0.5, 5.0
-MAX_ROOM_S = 300.0  # maximum headroom time before a higher level is tried
+LAG_S, HEADROOM_S = 0.5, 5.0
+MAX_HEADROOM_S = 300.0  # maximum headroom time before a higher level is tried
 QUIET_S = 300.0  # time without a loss that halves the required headroom time
 PAUSE_S = 0.7  # after a loss: a burst of a second costs one level
 # of the outputs due; one or two frames in half a second are due to the scheduler
 LATE_SHARE = 0.1
-FULL_SHARE, ROOM_SHARE = 0.9, 0.6  # busy share of the time: above is lag, below is headroom
+FULL_SHARE, HEADROOM_SHARE = 0.9, 0.6  # busy share of the time: above is lag, below is headroom
 FORGET = 0.5  # s of lag that one second without lag cancels
 HICCUP_S = 0.25  # limit of one sample: a process that was stopped or starved once does not lag
-ROOM_LOSS = 5.0  # s of headroom that one second without headroom cancels
+HEADROOM_LOSS = 5.0  # s of headroom that one second without headroom cancels
 SILENT_S = 1.0  # after this time without output, the headroom of a stage is unknown
 GAP_S = 1.0  # between two samples: the machine or the supervisor was suspended
 SAMPLE_NS = SECOND_NS // 10  # five samples within LAG_S
@@ -115,7 +115,7 @@ class _Stage:
         change_s = min(load.span_s, HICCUP_S) if lags else -FORGET * load.span_s
         self.lag_s = max(0.0, self.lag_s + change_s)
         self.lagging = self.lagging.plus(load) if self.lag_s else Load()
-        return load.missed == 0 and load.share < ROOM_SHARE
+        return load.missed == 0 and load.share < HEADROOM_SHARE
 
 
 class Governor:
@@ -124,16 +124,16 @@ class Governor:
     def __init__(self, relieves: Sequence[frozenset[str]]) -> None:
         self.level = 0
         self._relieves = tuple(relieves)
-        self._required_s = ROOM_S  # headroom time required to raise the level
+        self._required_s = HEADROOM_S  # headroom time required to raise the level
         self._was_raised = False  # since the last loss
         self._quiet_ns = self._lost_ns = -math.inf  # when the requirement was halved; the last loss
         self._t_ns = -math.inf
-        self._room_s = 0.0
+        self._headroom_s = 0.0
         self._stages: dict[str, _Stage] = {}
 
     def _forget(self) -> None:
         """Discards the past, which does not describe the current load."""
-        self._room_s = 0.0
+        self._headroom_s = 0.0
         self._stages.clear()
 
     def update(self, t_ns: int, loads: Mapping[str, Load]) -> Step | None:
@@ -146,30 +146,30 @@ class Governor:
         if dt_s > GAP_S:
             self._forget()
             return None
-        rooms = [
+        headrooms = [
             self._stages.setdefault(name, _Stage()).take(attrs.evolve(load, span_s=dt_s))
             for name, load in loads.items()
         ]
-        if False in rooms:
-            self._room_s = max(0.0, self._room_s - ROOM_LOSS * dt_s)
-        elif rooms and None not in rooms:
-            self._room_s += dt_s
+        if False in headrooms:
+            self._headroom_s = max(0.0, self._headroom_s - HEADROOM_LOSS * dt_s)
+        elif headrooms and None not in headrooms:
+            self._headroom_s += dt_s
         relieved = self._relieves[self.level] if self.level < len(self._relieves) else ()
         lags = {name: stage for name, stage in self._stages.items() if name in relieved}
         worst = max(lags, key=lambda name: lags[name].lag_s, default="")
         if t_ns - max(self._lost_ns, self._quiet_ns) > QUIET_S * 1e9:
             self._quiet_ns = t_ns
-            self._required_s = max(self._required_s / 2, ROOM_S)
+            self._required_s = max(self._required_s / 2, HEADROOM_S)
         if t_ns - self._lost_ns < PAUSE_S * 1e9:
             self._stages.clear()
             return None
         if worst and lags[worst].lag_s >= LAG_S:
             if self._was_raised:
-                self._required_s = min(2 * self._required_s, MAX_ROOM_S)
+                self._required_s = min(2 * self._required_s, MAX_HEADROOM_S)
             self._was_raised = False
             self._lost_ns = t_ns
             step = Step(self.level + 1, worst, lags[worst].lagging)
-        elif self.level and self._room_s >= self._required_s:
+        elif self.level and self._headroom_s >= self._required_s:
             self._was_raised = True
             step = Step(self.level - 1)
         else:

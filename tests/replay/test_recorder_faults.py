@@ -152,7 +152,7 @@ def test_any_error_in_the_thread_ends_the_recording_with_a_message(
 def test_a_full_store_empties_itself_and_keeps_the_order(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(stage, "ROOM_BYTES", 0)  # room for the fewest there may be
+    monkeypatch.setattr(stage, "BUFFER_BYTES", 0)  # as few frames as there may be
     gate = threading.Event()
     monkeypatch.setattr(
         stage, "encoded", lambda frame, codec: gate.wait() and encoded(frame, codec)

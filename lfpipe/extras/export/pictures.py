@@ -109,8 +109,8 @@ class SceneExport:
         left, right = self._columns(eye_distance_views)
         if form == "wiggle":
             return self._swing(left, right, seconds)
-        room = self._last - (right - left)
-        eyes = (self._swing(first, first + room, seconds) for first in (0.0, right - left))
+        free = self._last - (right - left)
+        eyes = (self._swing(first, first + free, seconds) for first in (0.0, right - left))
         return (np.hstack(pair) for pair in zip(*eyes, strict=True))
 
     def _swing(self, first: float, last: float, seconds: float) -> Iterator[Picture]:

@@ -503,7 +503,7 @@ def make_slide(path: Path, out: Path, progress: Progress) -> Slide:
     order = orient(source, config.Scene())
     why = order.reason
     if order.turn.cols:
-        row = row.turned()  # what is hidden speaks against the motion
+        row = row.turned()  # what is hidden contradicts the motion
     elif row.side_sure and not order.sure:
         why = f"{why}; the camera's own motion, without its turning, leads to the right"
     sure = order.sure or row.side_sure
