@@ -9,7 +9,8 @@ A packet is written before its line, each with one write. However the writer end
 belongs to a whole packet, so all frames but the current one can be read. Nothing calls fsync: a
 recording survives a crash of the program, but not a power cut. A packet of codec "eyes" holds no
 picture but a line of JSON, recorded where the mouse is the viewer. One of codec "scene" holds the
-size of a picture (uint32, little-endian), the picture, and what a program knew of the views in it.
+size of a picture (uint32, little-endian), the picture, and, compressed by zlib, what a program knew
+of the views in it.
 """
 
 import errno
@@ -208,11 +209,11 @@ def encoded(picture: NDArray[np.uint8], codec: str = "png") -> bytes:
 
 def scene_packet(picture: bytes, known: bytes) -> bytes:
     """The packet of a frame of which a program knew more, see `scene_parts`."""
-    return SCENE_HEAD.pack(len(picture)) + picture + known
+    return SCENE_HEAD.pack(len(picture)) + picture + zlib.compress(known, level=1)
 
 
 def scene_parts(data: bytes) -> tuple[bytes, bytes]:
-    """The picture in a packet of codec "scene", and what the program knew."""
+    """The picture in a packet of codec "scene", and what the program knew, compressed."""
     head = SCENE_HEAD.size
     end = head + int.from_bytes(data[:head], "little")
     return data[head:end], data[end:]

@@ -42,8 +42,7 @@ class Known:
     def packed(self) -> bytes:
         """For a packet, see `of`."""
         maps = self.maps[:2] if self.of_eyes else self.maps
-        numbers = _KNOWN.pack(self.step_px, *self.positions.ravel())
-        return numbers + zlib.compress(maps.tobytes(), level=1)
+        return _KNOWN.pack(self.step_px, *self.positions.ravel()) + maps.tobytes()
 
     @classmethod
     def of(cls, sequence: Sequence, live: LiveSource, index: int) -> "Known | None":
@@ -53,16 +52,16 @@ class Known:
         """
         if sequence.packets[index].codec != "scene":
             return None
-        _, data = scene_parts(sequence.data(index))
-        numbers, packed = data[: _KNOWN.size], data[_KNOWN.size :]
+        _, compressed = scene_parts(sequence.data(index))
         height, width = (live.height_px + 1) // 2, (live.width_px + 1) // 2
         views = live.rows * live.cols
+        most = _KNOWN.size + views * height * width + 1
         try:
-            step_px, *at = _KNOWN.unpack(numbers)
+            packed = zlib.decompressobj().decompress(compressed, most)
+            step_px, *at = _KNOWN.unpack_from(packed)
             positions = np.reshape(at, (2, 2))
             views = 2 if np.isfinite(positions).all() else views
-            unpacked = zlib.decompressobj().decompress(packed, views * height * width + 1)
-            maps = np.frombuffer(unpacked, np.int8).reshape(views, height, width)
+            maps = np.frombuffer(packed, np.int8, offset=_KNOWN.size).reshape(views, height, width)
         except (struct.error, zlib.error, ValueError):
             raise UserError(
                 f"{sequence.path}: frame {index}: has not the disparity of its {views} views",
