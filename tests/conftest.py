@@ -163,8 +163,15 @@ def live(tmp_path_factory: pytest.TempPathFactory, scene: Path) -> Iterator[Worl
 
 
 @pytest.fixture(scope="session")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_scene(tmp_path_factory.mktemp("scenes") / "grid")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A small scene, whose pack is in the cache of every world from now on: to pack it takes
+    as long as all else at the start of a session.
+    """
+    with World(tmp_path_factory.mktemp("scenes")) as world, pytest.MonkeyPatch.context() as patch:
+        grid = write_scene(world.root / "grid")
+        world.done("scene", "pack", grid)
+        patch.setattr(World, "packs", world.root / "cache")
+        yield grid
 
 
 @pytest.fixture(scope="session")

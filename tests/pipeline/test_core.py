@@ -13,7 +13,21 @@ from tests.support.world import World
 
 ROOT = Path(__file__).parents[2]
 FOLDERS = ("lfpipe", "tests", "tools", "docs", "examples", "profiling")
-SAMPLE = ("supervisor", "transport", "config", "cli", "capture", "test_structure.py")
+# of every package of the core a file of tests that imports it; the points for plug-ins; what asks
+# whether there are extras
+SAMPLE = """
+    api/test_api.py::test_import_lfpipe_loads_nothing_else bench/test_runner.py
+    bench/test_commands.py::test_pipeline_vs_loop_says_whether_the_machine_is_idle
+    capture/test_recorded_views.py cli/test_help.py cli/test_plugged.py contracts
+    config/test_config.py::test_the_file_at_the_top_and_the_pages_of_keys_and_commands_are_current
+    docs/test_commands.py docs/test_figures.py files/test_writers.py host/test_home.py
+    live/test_field.py monitor/test_monitor.py notices pipeline/test_held.py render/test_notices.py
+    replay/test_recorder_faults.py scene/test_description.py sequence/test_views.py
+    supervisor/test_session_state.py supervisor/test_wire_format.py
+    test_form.py::test_positional_allowlist_is_minimal
+    test_plugins.py::test_plugin_engine_or_filter_that_fails_is_named test_structure.py
+    track/test_eye_tracker.py transport/test_packet_ring.py
+"""
 pytestmark = [pytest.mark.live, pytest.mark.timeout(1200)]
 
 
@@ -22,7 +36,7 @@ def core(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The checkout without its extras, whose entry points stay installed."""
     copy = tmp_path_factory.mktemp("core")
     for name in FOLDERS:
-        ignored = shutil.ignore_patterns("__pycache__", "results")
+        ignored = shutil.ignore_patterns("results")
         shutil.copytree(ROOT / name, copy / name, ignore=ignored)
     for path in (path for path in ROOT.iterdir() if path.is_file()):
         shutil.copy(path, copy)
@@ -50,18 +64,15 @@ def test_core_without_extras_runs_sessions(alone: World, scene: Path, core: Path
         check=True,
     )
     assert str(core) in where.stdout
-    alone.done("up", "--demo", "--duration", "2")
     process = alone.shows(scene)
     assert "render" in alone.done("monitor", "--session", alone.name, "--once").stdout
-    assert "unknown command" in alone.refused("ctl", "--session", alone.name, "share", "stop") or (
-        "No such command" in alone.refused("ctl", "--session", alone.name, "share", "stop")
-    )
+    assert "No such command" in alone.refused("ctl", "--session", alone.name, "share", "stop")
     alone.ctl("stop")
     assert process.wait(60) == 0
-    alone.done("record", "walk", "--camera", "demo", "--duration", "1.5")
-    alone.done("replay", "walk", "--out", "run")
+    alone.done("record", "walk", "--camera", "demo", "--duration", "0.5")
+    alone.done("replay", "walk", "--scene", scene, "--out", "run")
     assert "3x3" in alone.done("scene", "info", scene).stdout
-    alone.done("bench", "stability", "--quick")
+    assert "stability" in alone.done("bench", "--help").stdout
 
 
 def test_core_without_extras_reports_what_is_missing(alone: World) -> None:
@@ -74,12 +85,13 @@ def test_core_without_extras_reports_what_is_missing(alone: World) -> None:
 
 
 def test_core_without_extras_passes_a_sample_of_its_tests(core: Path) -> None:
-    sample = [f"tests/{name}" for name in SAMPLE]
+    sample = [f"tests/{name}" for name in SAMPLE.split()]
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-n", "2", "-p", "no:cacheprovider", *sample],
+        [sys.executable, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", *sample],
         env={**os.environ, "PYTHONPATH": str(core)},
         cwd=core,
         capture_output=True,
         text=True,
     )
+    print(done.stdout[-800:], done.stderr)
     assert done.returncode == 0, done.stdout[-4000:]

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.extras import with_extras
 from tests.support.world import World
 from tests.support.xvfb_screen import Screen
 
@@ -16,8 +17,8 @@ LIBRARIES = re.compile(r"/(cv2|pygame|PIL|skimage|scipy)/")
 LASTING = (
     "lfpipe.cli.launch",
     "lfpipe.cli.sessions",
-    "lfpipe.extras.exhibition.kiosk",
-    "lfpipe.extras.share.requests",
+    pytest.param("lfpipe.extras.exhibition.kiosk", marks=with_extras),
+    pytest.param("lfpipe.extras.share.requests", marks=with_extras),
     "lfpipe.monitor.monitor",
     "lfpipe.scene.open_scene",
     "lfpipe.supervisor.supervisor",

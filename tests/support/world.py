@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import cv2
 import msgpack
@@ -124,8 +124,12 @@ class World:
     in it ends with it, also where its set-up fails.
     """
 
+    packs: ClassVar[Path | None] = None  # a cache: what is packed there, every world has already
+
     def __init__(self, root: Path) -> None:
         self.root = root
+        if self.packs is not None:
+            shutil.copytree(self.packs, root / "cache")
         self.python = sys.executable
         self.module = "lfpipe"  # another one runs it with a part replaced
         # a socket's path takes 107 characters, and a runner's folder for temporary files may use
