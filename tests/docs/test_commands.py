@@ -68,9 +68,10 @@ def of_missing_extras(line: str) -> bool:
 
 def test_docs_commands_exist_with_their_options() -> None:
     context = click.Context(cli)
-    keys = config.options()
     for line, (page, _) in commands().items():
-        if line.startswith("python"):
+        if line.startswith("python -m "):  # tests/bench/test_commands.py: it says how it is used
+            file = f"{line.split()[2].replace('.', '/')}.py"
+            assert line.split()[2] == "pytest" or (ROOT / file).exists(), f"{page}: {line}"
             continue
         words = [word for word in shlex.split(line)[1:] if word not in ("...", "…", "-v")]
         command: click.Command | None = cli
@@ -81,13 +82,15 @@ def test_docs_commands_exist_with_their_options() -> None:
         options = {option for parameter in command.params for option in parameter.opts} | {"--help"}
         for name in (word.split("=")[0] for word in words if word.startswith("--")):
             assert name in options or isinstance(command, click.Group), f"{page}: {line}: no {name}"
-        for key in re.findall(r"(?:--set |ctl set |^)([a-z]+\.[a-z_]+)=", line):
-            assert key in keys, f"{page}: {line}: no key {key}"
+        for key, value in re.findall(r"(?:--set |ctl set |^)([a-z]+\.[a-z_]+)=(\S+)", line):
+            assert key in config.options(), f"{page}: {line}: no key {key}"
+            if re.search("[a-z0-9]", value):
+                config.load(sets=[f"{key}={value}"])
 
 
 # Names on the pages for which the small scene stands
 SCENES = "SCENE PATH views boxes antinous rectified Bikes buddha raster pair slide-views photo.jpg"
-SCENES += " flower_eslf.png"
+SCENES += " flower_eslf.png path/to/views demo:marbles"
 ELSEWHERE = {  # commands that are not run here, and why
     r"--(web|kiosk|on|latency)\b|calibrate|kiosk": "runs until somebody ends it",
     r"cameras|record$|camera:0": "needs a camera",
@@ -101,20 +104,22 @@ ELSEWHERE = {  # commands that are not run here, and why
     r"--(session|set|out|trace)$": "names an option",
     r"\bctl stop": "others need the session",
     r"desktop": "writes to the home folder",
-    r"bench (?!pipeline|viewer)": "takes minutes",
-    r"bench viewer( --quick| --track CSV)?$": "takes half a minute; --check does the same work",
+    r"bench .": "takes minutes",
+    r"^python": "tests/bench/test_commands.py: its --help",
+    r"up --demo": "tests/docs/test_first_commands.py, tests/cli/test_outputs.py",
 }
 
 
 def runnable() -> dict[str, tuple[str, bool]]:
     """Those of `commands` that end by themselves here. Of those that differ only in the name of the
-    scene, which is the same small one for all names, the first.
+    scene, which is the same small one for all names, or in a checked value, the first.
     """
     found: dict[str, tuple[str, tuple[str, bool]]] = {}
     names = SCENES.split()
     for line, place in commands().items():
-        if line.startswith("python") or not any(re.search(why, line) for why in ELSEWHERE):
-            words = ("SCENE" if word.strip("/") in names else word for word in line.split())
+        if not any(re.search(why, line) for why in ELSEWHERE):
+            plain = re.sub(r"( -v| --set \S+)(?= |$)", "", line)
+            words = ("SCENE" if word.strip("/") in names else word for word in plain.split())
             found.setdefault(" ".join(words), (line, place))
     return dict(found.values())
 
@@ -124,12 +129,10 @@ HIDDEN = shutil.ignore_patterns("cache", "settings", "state", "trace.jsonl")
 
 def ending(line: str) -> list[str]:
     """The arguments of Python that run a command so that it ends without a camera or a screen."""
-    words = [word.replace("path/to/views", "views") for word in shlex.split(line)[1:]]
-    words = [word.rstrip("/") for word in words]
+    words = [word.rstrip("/") for word in shlex.split(line)[1:]]
+    words = ["SCENE" if word in SCENES.split() else word for word in words]
     if words[:2] == ["sequence", "cut"] and "--from" in words:
         words[-3::2] = ["0", "0.1"]  # of a short one, which a busy machine makes shorter
-    if line.startswith("python"):
-        return [*words[:2], "--help"]  # its modules load; the rest takes minutes
     if "up" in words[:2]:
         words += ["--duration", "0.5", "--session", "other"]
         words += [] if "--no-picture" in words else ["--display", "none"]
@@ -139,8 +142,6 @@ def ending(line: str) -> list[str]:
         words += ["--duration", "0.5"]
     if words[0] == "monitor":
         words += ["--once"]
-    if words[0] == "bench":
-        words += ["--quick"]
     return ["-m", "lfpipe", *words]
 
 
@@ -149,7 +150,7 @@ def session(tmp_path_factory: pytest.TempPathFactory, scene: Path, clip: Path) -
     """A running session, and what the pages' commands find in their folder."""
     with World(tmp_path_factory.mktemp("commands")) as made:
         (made.root / "tests").mkdir()
-        for name in (*SCENES.split(), "tests/views"):
+        for name in ("SCENE", "tests/views"):
             (made.root / name).symlink_to(scene)
         for name in ("me.avi", "VIDEO"):
             (made.root / name).symlink_to(clip)
@@ -159,7 +160,8 @@ def session(tmp_path_factory: pytest.TempPathFactory, scene: Path, clip: Path) -
         made.done("sequence", "import", clip, "walk")
         for name in ("talk", "tests/walk"):
             shutil.copytree(made.root / "walk", made.root / name)
-        made.shows(scene, scene, pictures=1)
+        slow = [f"--set={key}.rate_hz=10" for key in ("camera", "render")]
+        made.shows(scene, scene, *slow, pictures=1)
         yield made
 
 
@@ -168,6 +170,8 @@ def session(tmp_path_factory: pytest.TempPathFactory, scene: Path, clip: Path) -
 def test_docs_commands_run_as_printed(session: World, tmp_path: Path, page: str) -> None:
     """Each of `runnable`, in the order of the page, while a session runs."""
     lines = {line: block for line, (place, block) in runnable().items() if place.startswith(page)}
+    if not lines:
+        return
     folder = tmp_path / "here"
     shutil.copytree(session.root, folder, symlinks=True, ignore=HIDDEN)
     env = session.env | {"LFPIPE_SESSION": session.name}
@@ -179,7 +183,7 @@ def test_docs_commands_run_as_printed(session: World, tmp_path: Path, page: str)
             shutil.rmtree(folder / ("tests/walk" if "tests/walk" in line else "walk"))
         done = subprocess.run(
             [sys.executable, *ending(line)],
-            cwd=ROOT if line.startswith("python") else folder,
+            cwd=folder,
             env=env,
             capture_output=True,
             text=True,
