@@ -163,7 +163,13 @@ def test_stages_that_are_killed_or_hang_come_back(world: World, scene: Path) -> 
 def test_a_request_that_looks_like_an_answer_is_a_request(world: World, scene: Path) -> None:
     world.shows(scene)
     before = world.monitor()["stages"]["render"]
-    odd = ({"ok": False}, {"ok": True}, {"config": {}}, {"number": 7}, {"error": "x", "ok": False})
+    odd: tuple[dict[str, Any], ...] = (
+        {"ok": False},
+        {"ok": True},
+        {"config": {}},
+        {"number": 7},
+        {"error": "x", "ok": False},
+    )
     for fields in odd:
         assert world.ask(cmd="recentre", **fields)["ok"], fields
     after = world.monitor()["stages"]["render"]
