@@ -187,7 +187,7 @@ def test_session_of_a_program_that_forks_ends_in_time(
     assert process.stdout.readline() == "runs\n" and home.segments()
     if end == "kill":
         process.kill()
-        home.wait_for(lambda: not home.segments(), "end of the session", 20)
+        home.wait_for(lambda: not home.segments(), "end of the session")
     else:
         process.stdin.write("\n")
         process.stdin.flush()

@@ -150,9 +150,9 @@ def test_frames_tell_of_the_privacy_switch(monkeypatch: pytest.MonkeyPatch) -> N
     with closing(source(FakeCamera(controls={abi.PRIVACY: switch}))) as camera:
         assert frame_is_shuttered(camera), "from the first frame"
         switch.value = 0
-        until(lambda: not frame_is_shuttered(camera), "an open shutter", 20)
+        until(lambda: not frame_is_shuttered(camera), "an open shutter")
         switch.value = 1
-        until(lambda: frame_is_shuttered(camera), "a shutter", 20)
+        until(lambda: frame_is_shuttered(camera), "a shutter")
     with closing(source(FakeCamera())) as camera:
         assert not frame_is_shuttered(camera), "without a switch"
 

@@ -150,6 +150,6 @@ def test_the_exposure_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
     controls = CameraControls(device, config.Camera(dynamic_framerate="auto"))
     for value in (20, 40):
         device.controls[EXPOSURE].value = value
-        until(lambda value=value: controls.exposure_ns == value * 100_000, "exposure", 10)
+        until(lambda value=value: controls.exposure_ns == value * 100_000, "exposure")
     controls.end(5)
     assert not controls.is_alive()

@@ -66,6 +66,12 @@ def test_processes_stopped_and_continued_are_back_at_rate(
         for pid in pids[name]:
             os.kill(pid, signal.SIGSTOP)
         time.sleep(for_s)
+        if name == "supervisor":
+            wanted = 0.8 * usual_hz * for_s
+            world.wait_for(
+                lambda t=t_stop_ns, n=wanted: len(_presented(world, t)) >= n,
+                "pictures, which need no supervisor",
+            )
         t_go_ns = time.monotonic_ns()
         for pid in pids[name]:
             os.kill(pid, signal.SIGCONT)
@@ -73,9 +79,6 @@ def test_processes_stopped_and_continued_are_back_at_rate(
         stamps = _presented(world, t_go_ns)
         burst = max(sum(t <= other < t + 100_000_000 for other in stamps) for t in stamps)
         assert burst <= 0.1 * RATE_HZ * 2 + 1, f"{name}: missed time is skipped, not made up for"
-        if name == "supervisor":
-            during = [t for t in _presented(world, t_stop_ns) if t < t_go_ns]
-            assert len(during) >= 0.8 * usual_hz * for_s, "pictures need no supervisor"
     after = world.monitor()["stages"]
     assert {name: (stage["pid"], stage["restarts"]) for name, stage in after.items()} == {
         name: (pid, 0) for name, pid in before.items()
@@ -104,7 +107,7 @@ def test_tracker_that_hangs_shows_nobody(world: World, scene: Path) -> None:
     pid = world.kill("track", signal.SIGSTOP)
     stopped_ns = time.monotonic_ns()
     try:
-        lines = world.wait_for(lambda: _alone(world, stopped_ns), "picture for nobody", 5)
+        lines = world.wait_for(lambda: _alone(world, stopped_ns), "picture for nobody")
     finally:
         os.kill(pid, signal.SIGCONT)
     assert lines[0]["t_composed_ns"] - lines[0]["t_sensor_ns"] < 0.7e9

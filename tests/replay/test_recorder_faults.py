@@ -52,7 +52,7 @@ def disk(tmp_path: Path) -> Iterator[Path]:
     yield place
     subprocess.run(["fsfreeze", "-u", str(place)], capture_output=True)
     umount = ["umount", str(place)]
-    until(lambda: subprocess.run(umount, capture_output=True).returncode == 0, "end of its use", 10)
+    until(lambda: subprocess.run(umount, capture_output=True).returncode == 0, "end of its use")
 
 
 @contextlib.contextmanager
@@ -107,7 +107,6 @@ def test_the_death_of_the_supervisor_loses_no_frame_that_the_recorder_had(
     world.wait_for(
         lambda: json.loads((out / "manifest.json").read_text())["complete"],
         "end of the recording",
-        60,
     )
     seqs = [packet.source_seq for packet in open_sequence(out).packets]
     assert len(seqs) > 20

@@ -124,7 +124,7 @@ def test_page_drops_slow_clients(live_server: Server) -> None:
 
     with until(lazy, "a stream") as held:
         own = held.getsockname()
-        until(lambda: not live_server.serves(own), "end of who does not read", 90)
+        until(lambda: not live_server.serves(own), "end of who does not read")
 
 
 def test_holders_of_the_view_only_token_do_not_lock_others_out(live: World) -> None:

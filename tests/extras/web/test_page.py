@@ -131,7 +131,6 @@ def test_page_in_a_browser_moves_charts_and_takes_controls(
                 "window.lfpipe.last.camera_fps > 5 && window.lfpipe.last.stages.track.face"
             ),
             "its figures",
-            60,
         )
         assert server.ask("POST", "/ctl", {"cmd": "recentre"})[0] == 200
 
