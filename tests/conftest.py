@@ -165,7 +165,7 @@ def live(tmp_path_factory: pytest.TempPathFactory, scene: Path) -> Iterator[Worl
 @pytest.fixture(scope="session")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A small scene, whose pack is in the cache of every world from now on: to pack it takes
-    as long as all else at the start of a session.
+    as long as all else at the start of a session. A copy under another name has its pack, too.
     """
     with World(tmp_path_factory.mktemp("scenes")) as world, pytest.MonkeyPatch.context() as patch:
         grid = write_scene(world.root / "grid")

@@ -38,7 +38,7 @@ class Pages:
 
     def shows(self, panel: ItemPanel) -> bool:
         """Whether the items of that panel are on the screen."""
-        drawn = pygame.surfarray.array3d(panel.surface).swapaxes(0, 1)
+        drawn = pygame.surfarray.pixels3d(panel.surface).swapaxes(0, 1)
         left, top = (a + b for a, b in zip(self.finger.place, panel.at, strict=False))
         seen = self.finger.screen.picture()[top:, left:]
         cells = [
@@ -103,6 +103,7 @@ def test_calibrate_opens_a_window_and_is_done_by_the_mouse_alone(
     world.env["DISPLAY"] = screen.name
     pygame.font.init()
     _chosen_glasses(world)
+    world.make_demos_small()
     process = world.start(
         "calibrate", "--camera", "demo", "--distance", "560", "--session", world.name
     )

@@ -193,8 +193,7 @@ def test_lfpipe_without_a_screen_is_the_help(world: World) -> None:
 @needs_xdotool
 def test_session_window_offers_recent_scenes(world: World, screen: Screen) -> None:
     world.env |= {"DISPLAY": screen.name, "LFPIPE_SESSION": world.name}
-    # the real one takes half a minute to make
-    write_scene(world.root / "cache" / "lfpipe" / "demo" / NAME, 2, 2)
+    world.make_demos_small()
     recent = [write_scene(world.root / f"shown before {k}", 1, 2 + k) for k in (1, 2)]
     kept = world.root / "state" / "lfpipe" / "recent_scenes.json"
     kept.parent.mkdir(parents=True)
@@ -228,6 +227,7 @@ def test_session_window_offers_recent_scenes(world: World, screen: Screen) -> No
 @needs_xdotool
 def test_session_window_shows_a_second_scene(world: World, scene: Path, screen: Screen) -> None:
     world.env |= {"DISPLAY": screen.name, "LFPIPE_SESSION": world.name}
+    world.make_demos_small()
     process = world.shows(scene, display="window")
 
     def shows(name: str) -> bool:

@@ -37,7 +37,7 @@ def trapped(world: World) -> Path:
 def test_no_code_of_the_working_directory_runs(
     world: World, trapped: Path, words: tuple[str, ...]
 ) -> None:
-    write_scene(world.root / "views")  # not packed yet
+    write_scene(world.root / "views", 2, 2)  # not packed yet
     del world.env["PYTHONPATH"]  # the installed package alone, as for people
     lfpipe = Path(sys.executable).with_name("lfpipe")  # its folder comes first, not the working one
     ended = subprocess.run(

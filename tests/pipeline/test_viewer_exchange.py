@@ -28,7 +28,7 @@ def test_viewer_of_the_demo_is_exchanged_by_mouse_alone_and_by_keys_alone(
     world.env["DISPLAY"] = screen.name
     pygame.font.init()
     # the real one takes half a minute to make
-    scene = write_scene(world.root / NAME, 3, 3)
+    scene = write_scene(world.root / NAME, 2, 3)
     settings = world.root / "settings" / "lfpipe" / "config.toml"
     settings.parent.mkdir(parents=True)
     settings.write_text('[render]\nanaglyph = "dubois"\n')

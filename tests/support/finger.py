@@ -1,5 +1,7 @@
 """A finger on a session's window: it taps where the window draws an item."""
 
+import functools
+
 import attrs
 
 from lfpipe.render.display.overlay import Event
@@ -20,7 +22,7 @@ class Finger:
     title: str
     without: frozenset[str] = frozenset()
 
-    @property
+    @functools.cached_property
     def place(self) -> tuple[int, int, int, int]:
         """x, y, width, height of the window."""
         found = outline(self.title, self.screen.name)

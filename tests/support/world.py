@@ -22,6 +22,7 @@ import pytest
 import zmq
 
 from lfpipe.host import segment
+from lfpipe.scene import demo
 from lfpipe.transport import control
 from lfpipe.transport.session import PREFIX
 from tests.support.processes import PATIENCE_S
@@ -154,7 +155,17 @@ class World:
         self.env = {**clean, **own}
         self.name = f"t{secrets.token_hex(4)}"
         self.trace = root / "trace.jsonl"
+        self._first = b""  # line of the trace that was read
+        self._lines: list[dict[str, Any]] = []
+        self._read_bytes = 0
         self.running: list[subprocess.Popen[str]] = []
+
+    def make_demos_small(self) -> None:
+        """Demo scenes of 96 instead of 768 px, which are packed as quickly as others."""
+        cache = self.root / "cache" / "lfpipe"
+        for name in demo.NAMES:
+            small = demo.demo_scene(cache, name, 96)
+            small.rename(small.with_name(name))
 
     def __enter__(self) -> Self:
         return self
@@ -250,8 +261,17 @@ class World:
 
     def lines(self) -> list[dict[str, Any]]:
         """The trace so far, without a line that is just being written."""
-        text = self.trace.read_text() if self.trace.exists() else ""
-        return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
+        if not self.trace.exists():
+            return []
+        with self.trace.open("rb") as file:  # waits ask often: only what is new is read
+            first = file.readline()
+            if first != self._first:
+                self._first, self._lines, self._read_bytes = first, [], 0
+            file.seek(self._read_bytes)
+            whole = file.read().rpartition(b"\n")[0]
+        self._read_bytes += len(whole) + bool(whole)
+        self._lines += map(json.loads, whole.splitlines())
+        return [*self._lines]
 
     def wait_for(self, condition: Callable[..., Any], what: str, timeout_s: float = 120) -> Any:
         return until(condition, what, timeout_s, self._about_ended)

@@ -31,19 +31,19 @@ class Screen:
     buffer: Path
 
     def pixels(self) -> np.ndarray:
-        """What the screen shows now, as the server keeps it: uint32 (height, width)."""
+        """What the screen shows now: uint32 (height, width), in the byte order of the server."""
         data = self.buffer.read_bytes()
         header = struct.unpack_from(">25I", data)
         size, width, height, bits, line, colours = (header[k] for k in (0, 4, 5, 11, 12, 19))
         assert bits == 32
         order = "<u4" if header[7] == 0 else ">u4"
         rows = np.frombuffer(data, order, height * line // 4, size + 12 * colours)
-        return rows.reshape(height, line // 4)[:, :width].astype(np.uint32)
+        return rows.reshape(height, line // 4)[:, :width]
 
     def picture(self) -> np.ndarray:
         """What a screen of 24 bits shows now: uint8 (height, width, 3) BGR."""
-        pixels = self.pixels()
-        return np.stack([pixels, pixels >> 8, pixels >> 16], axis=2).astype(np.uint8)
+        pixels = np.ascontiguousarray(self.pixels(), "<u4")
+        return pixels.view(np.uint8).reshape(*pixels.shape, 4)[..., :3]
 
     def shown(self) -> np.ndarray:
         """The part of the screen that is not black."""
