@@ -72,7 +72,7 @@ def test_core_without_extras_runs_sessions(alone: World, scene: Path, core: Path
     alone.done("record", "walk", "--camera", "demo", "--duration", "0.5")
     alone.done("replay", "walk", "--scene", scene, "--out", "run")
     assert "3x3" in alone.done("scene", "info", scene).stdout
-    assert "stability" in alone.done("bench", "--help").stdout
+    alone.done("bench", "stability", "--quick", "--scene", scene)
 
 
 def test_core_without_extras_reports_what_is_missing(alone: World) -> None:
