@@ -198,15 +198,13 @@ def _correlations(
     at_ms = recording.times_ms()[0][:, None] - (delays_ms - model.response_ms)
     light = mean_light(recording, at_ms, model)
     frames = (np.clip(light, 0, 1) + STRAY) ** (1 / GAMMA)
-    found = []
-    for share in kept:
-        mixed = frames.copy()
-        if share:
-            for frame, before in zip(mixed[1:], mixed[:-1], strict=True):
-                frame += share * (before - frame)
-        expected = recording.changes(mixed)
-        expected /= np.maximum(np.linalg.norm(expected, axis=0), 1e-9)
-        found.append(expected.T @ seen)
+    shares = np.array(kept)[:, None]
+    mixed = np.repeat(frames[:, None], len(kept), axis=1)
+    for frame, before in zip(mixed[1:], mixed[:-1], strict=True) if shares.any() else ():
+        frame += shares * (before - frame)
+    expected = recording.changes(mixed.reshape(len(mixed), -1))
+    expected /= np.maximum(np.linalg.norm(expected, axis=0), 1e-9)
+    found = (expected.T @ seen).reshape(len(kept), len(delays_ms), -1)
     return np.clip(found, 0, 1)
 
 

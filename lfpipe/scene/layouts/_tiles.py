@@ -95,16 +95,20 @@ class Tiling:
         return picture[top : top + self.height_px, left : left + self.width_px]
 
 
+def _changed(grey: NDArray[np.float32], axis: int, by_px: int) -> float:
+    """Mean square difference between a picture and itself, shifted along an axis."""
+    here, there = (
+        (grey[by_px:], grey[:-by_px]) if axis == 0 else (grey[:, by_px:], grey[:, :-by_px])
+    )
+    return cv2.norm(here, there, cv2.NORM_L2SQR) / here.size
+
+
 def dip(grey: NDArray[np.float32], axis: int, period: float) -> float:
     """Mean square difference between a picture and itself, shifted by one period along an axis,
     relative to shifts of half a period more or less; 1 for a plain picture. It is small for a
     repeating picture; in an ordinary one the difference only grows with the shift.
     """
-    along = grey if axis == 0 else grey.T
-    at, less, more = (
-        float(np.mean((along[n:] - along[:-n]) ** 2))
-        for n in (round(period * by) for by in (1, 0.5, 1.5))
-    )
+    at, less, more = (_changed(grey, axis, round(period * by)) for by in (1, 0.5, 1.5))
     return at / min(less, more) if min(less, more) > 1e-3 else 1.0
 
 
