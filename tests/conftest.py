@@ -28,7 +28,7 @@ pytest_plugins = ["tests.support.watchdog"]
 # which takes minutes.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
-cv2.setNumThreads(1)  # a worker has one core: the threads of a pool would wait on another's
+cv2.setNumThreads(1)  # a worker has one core; threads of a pool would wait on another's
 # The same examples in every run: a change fails for what it does. `pytest
 # --hypothesis-profile=explore` looks for others. No test has a deadline: how long an example takes
 # depends on what else the machine does.

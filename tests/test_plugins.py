@@ -336,7 +336,7 @@ def test_plugin_source_is_named_for_each_wrong_result(
     [
         ("import os; os._exit(0)", "ends the process"),
         ("import os; os.abort()", "ends the process"),
-        ("while True: pass", "does not end"),
+        ("import signal; signal.pause()", "does not end"),
     ],
 )
 def test_plugin_layout_that_ends_or_blocks_the_packer_is_named_and_skipped(
@@ -379,7 +379,7 @@ def test_plugin_layout_that_blocks_the_first_preview_is_not_tried_for_the_others
     install: Install, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tries = tmp_path / "tries"
-    blocks = f"open({str(tries)!r}, 'a').write('x')\n    while True: pass"
+    blocks = f"open({str(tries)!r}, 'a').write('x'); import signal; signal.pause()"
     install({LAYOUTS: "bad = bad_parts"}, detect=blocks)
     monkeypatch.setattr(open_scene, "PLUGIN_S", 1.0)
     monkeypatch.setattr(open_scene.Packing, "faults", {})

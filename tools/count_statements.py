@@ -12,6 +12,7 @@ import ast
 import re
 import tomllib
 from collections import Counter
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -29,6 +30,7 @@ def is_docstring(node: ast.AST) -> bool:
     )
 
 
+@cache
 def statements(path: Path) -> int:
     """The number of statements in a file of Python."""
     nodes = ast.walk(ast.parse(path.read_text()))

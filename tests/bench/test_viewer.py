@@ -9,7 +9,7 @@ from lfpipe.bench import viewer
 from lfpipe.bench.results import Results, Table
 from lfpipe.bench.simulator.bounds import BOUNDS, beyond
 from lfpipe.bench.simulator.scripts import SCRIPTS, Script
-from lfpipe.bench.viewer import MOVING, PHASES, PICTURES, other_tables, script_tables
+from lfpipe.bench.viewer import MOVING, PICTURES, other_tables, script_tables
 from lfpipe.cli import cli
 
 
@@ -26,7 +26,7 @@ def test_no_figure_of_a_script_is_beyond_its_bound(script: Script) -> None:
 
 
 def test_no_figure_of_a_scene_a_camera_or_a_screen_is_beyond_its_bound() -> None:
-    check(other_tables(PHASES[0]))
+    check(other_tables(phases=2))
 
 
 def test_the_command_checks_every_bound(

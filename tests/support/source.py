@@ -19,12 +19,17 @@ def modules() -> dict[str, ast.Module]:
     return {path.relative_to(PACKAGE).as_posix(): ast.parse(path.read_text()) for path in paths}
 
 
+@functools.cache
+def _all_nodes() -> list[tuple[str, ast.AST]]:
+    return [(name, node) for name, tree in modules().items() for node in ast.walk(tree)]
+
+
 def nodes(kind: type[Node]) -> Iterator[tuple[str, Node]]:
     """Every node of that kind, with its module."""
-    for name, tree in modules().items():
-        yield from ((name, node) for node in ast.walk(tree) if isinstance(node, kind))
+    return ((name, node) for name, node in _all_nodes() if isinstance(node, kind))
 
 
+@functools.cache
 def package_of(module: str) -> str:
     """The package of a module, or its own name if it is a top-level module."""
     return Path(module).with_suffix("").parts[0]
