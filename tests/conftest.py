@@ -2,6 +2,7 @@
 server.
 """
 
+import gc
 import logging
 import os
 import shutil
@@ -109,6 +110,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Func
     for item in items if PORTABLE else ():
         for mark in item.iter_markers("native"):
             item.add_marker(pytest.mark.skip(reason=f"of Linux's own host alone: {mark.args[0]}"))
+
+
+def pytest_collection_finish() -> None:
+    """The garbage collector, which stages and their memory call, passes over what was imported."""
+    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)

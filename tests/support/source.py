@@ -2,6 +2,7 @@
 
 import ast
 import functools
+import gc
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TypeVar
@@ -21,7 +22,9 @@ def modules() -> dict[str, ast.Module]:
 
 @functools.cache
 def _all_nodes() -> list[tuple[str, ast.AST]]:
-    return [(name, node) for name, tree in modules().items() for node in ast.walk(tree)]
+    found = [(name, node) for name, tree in modules().items() for node in ast.walk(tree)]
+    gc.freeze()  # or the garbage collector looks at all of them again in every later test
+    return found
 
 
 def nodes(kind: type[Node]) -> Iterator[tuple[str, Node]]:
