@@ -87,8 +87,9 @@ def test_a_shaken_slide_becomes_a_rectified_row(
 PHYSICAL = made.views(1, 17, *SIZE, 3.0, 0.6)[0]  # all moves to the left, the near the most
 
 
-@pytest.mark.parametrize("backwards", [False, True])
-@pytest.mark.parametrize("kept_px", [1.8, 3.0, -1.0])
+@pytest.mark.parametrize(
+    ("kept_px", "backwards"), [(1.8, False), (3.0, True), (-1.0, False), (-1.0, True)]
+)
 def test_a_camera_that_is_turned_while_it_slides_does_not_exchange_near_and_far(
     tmp_path: Path, kept_px: float, backwards: bool
 ) -> None:
