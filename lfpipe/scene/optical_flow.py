@@ -22,8 +22,9 @@ Grey = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
 SMALLEST_PX = 24  # the flow needs a few of its 8x8 patches per side
-# Of fine flow. Chosen on 23 scenes, of 1 to 90 px between views: profiling/results/disparity.md
-_FINEST_SCALE = 0
+_SCALE = 1  # finest one, halvings of the picture: the engine's own for this preset
+# Of fine flow, down to scale 0. Chosen on 23 scenes, of 1 to 90 px between views:
+# profiling/results/disparity.md
 _PATCH_PX = 4
 _PATCH_STRIDE_PX = 3
 _SMOOTHINGS = 2
@@ -61,10 +62,10 @@ def _engine(fine: bool) -> cv2.DISOpticalFlow:
     if fine not in engines:
         engine = engines[fine] = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
         if fine:
-            engine.setFinestScale(_FINEST_SCALE)
             engine.setPatchSize(_PATCH_PX)
             engine.setPatchStride(_PATCH_STRIDE_PX)
             engine.setVariationalRefinementIterations(_SMOOTHINGS)
+    engines[fine].setFinestScale(0 if fine else _SCALE)  # a small picture leaves it at 0
     return engines[fine]
 
 

@@ -313,7 +313,7 @@ def _goes_round(line: list[Grey]) -> bool:
     if np.count_nonzero(seen) < _FEWEST_POINTS:
         return False
     motion = np.stack(tracks)[..., seen].reshape(2 * len(tracks), -1)
-    path = np.linalg.svd(motion, full_matrices=False)[0][:, 0].reshape(-1, 2)
+    path = np.linalg.eigh(motion @ motion.T)[1][:, -1].reshape(-1, 2)
     path = np.concatenate([np.zeros((1, 2)), path])
     steps = np.hypot(*np.diff(path, axis=0).T)
     away = path - (path.min(axis=0) + path.max(axis=0)) / 2

@@ -1,5 +1,7 @@
 """Disparity of a view from its neighbours."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import cv2
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from lfpipe.scene.disparity import (
     refined,
     scale_for,
 )
-from lfpipe.scene.optical_flow import SMALLEST_PX
+from lfpipe.scene.optical_flow import SMALLEST_PX, flow
 from tests.bench.inputs import wall
 from tests.scene import made
 
@@ -74,6 +76,16 @@ def test_estimate_disparity_of_known_views(kind: str) -> None:
     middle = found[len(views) // 2, views.shape[1] // 2]
     # false where it is unknown
     assert np.mean(np.abs(middle - truth[::2, ::2]) < most_px) > share
+
+
+def test_flow_is_the_same_after_a_small_picture() -> None:
+    """OpenCV lowers the scale of an engine for pictures below 48 px, and leaves it so."""
+    pair = made.views(1, 2)[0, ..., 1]
+    with ThreadPoolExecutor(1) as thread:  # with an engine of its own
+        before, _, after = thread.map(
+            lambda pictures: flow(*pictures), (pair, pair[:, :32, :32], pair)
+        )
+    assert np.array_equal(before, after)
 
 
 def test_estimate_disparity_needs_two_views_that_are_not_too_small() -> None:
