@@ -155,7 +155,9 @@ def chunk_bomb(folder: Path) -> Path:
             "LF", GRID.shape, np.uint8, chunks=GRID.shape, compression="gzip"
         )
         engine = zlib.compressobj(6)
-        packed = b"".join(engine.compress(b"\0" * (1 << 24)) for _ in range(32)) + engine.flush()
+        head, part = engine.compress(b""), engine.compress(bytes(1 << 24))
+        part += engine.flush(zlib.Z_FULL_FLUSH)
+        packed = head + 32 * part + b"\3\0" + ((32 << 24) % 65521 << 16 | 1).to_bytes(4)
         data.id.write_direct_chunk((0,) * 5, packed)
     return folder
 

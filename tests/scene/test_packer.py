@@ -131,8 +131,8 @@ def test_a_full_disk_is_a_refusal_and_never_a_whole_pack(
 
 
 def test_too_much_memory_is_a_refusal(tmp_path: Path, scene_config: config.Scene) -> None:
-    """A deflate bomb: 256 MB of zeros in a file of 250 kB."""
-    Image.new("RGB", (9000, 9500)).save(tmp_path / "big.png", compress_level=9)
+    """A deflate bomb: 256 MB of zeros in a file of 1 MB."""
+    Image.new("RGB", (9000, 9500)).save(tmp_path / "big.png", compress_level=1)
     code = (  # in a process of its own: its packer is its only child
         "import sys, resource; from lfpipe import config; from lfpipe.errors import UserError\nfrom"
         " lfpipe.scene.open_scene import open_scene\ntry: open_scene(sys.argv[1],"
