@@ -22,8 +22,10 @@ def modules() -> dict[str, ast.Module]:
 
 @functools.cache
 def _all_nodes() -> list[tuple[str, ast.AST]]:
+    gc.disable()  # the collector would look at all of them again and again
     found = [(name, node) for name, tree in modules().items() for node in ast.walk(tree)]
-    gc.freeze()  # or the garbage collector looks at all of them again in every later test
+    gc.freeze()  # and in every later test
+    gc.enable()
     return found
 
 
