@@ -1,11 +1,11 @@
 """The packer as a child process: results, refusals, and leftovers after a kill or full disk."""
 
-import contextlib
 import os
 import signal
 import subprocess
 import sys
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -57,16 +57,11 @@ def test_a_scene_is_packed_by_a_child_once_and_its_facts_need_no_pack(
 @pytest.mark.native("limits of processes")
 def test_a_packer_may_use_a_gigabyte_of_memory(folder: Path, scene_config: config.Scene) -> None:
     """As docs/security.md promises; what the interpreter had before does not count."""
-    limits: list[int] = []
-
-    def look(*_: object) -> None:
-        for child in psutil.Process().children():
-            with contextlib.suppress(psutil.NoSuchProcess):
-                if any("packer" in word for word in child.cmdline()):
-                    limits.append(child.rlimit(psutil.RLIMIT_DATA)[0])
-
-    open_scene(folder, scene_config, look)
-    assert limits and all(1 << 30 < limit < 1.5 * (1 << 30) for limit in limits)
+    request = PackerRequest(scenes=[folder], settings=scene_config)
+    with closing(Packing(request)) as packing:
+        child = psutil.Process(packing._process.pid)  # which can be asked until somebody waits
+        limit = partial(child.rlimit, psutil.RLIMIT_DATA)
+        until(lambda: 1 << 30 < limit()[0] < 1.5 * (1 << 30), "the limit")
 
 
 def test_a_folder_of_scenes_stands_for_them(folder: Path, scene_config: config.Scene) -> None:
