@@ -93,8 +93,13 @@ def test_quality_goes_down_by_levels_on_a_busy_machine_and_comes_back(
         )
     world.pictures(150)
     with world.tap() as heard:
+
+        def level() -> int:
+            heard("level")  # what is not taken for long is lost
+            return _level(world)
+
         hogs.start()
-        world.wait_for(lambda: _level(world) >= 1, "lower level")
+        world.wait_for(lambda: level() >= 1, "lower level")
         hogs.end()
         lowered = world.monitor()
         world.kill("render")
@@ -102,7 +107,7 @@ def test_quality_goes_down_by_levels_on_a_busy_machine_and_comes_back(
         world.pictures(count + 3)
         restarted = world.lines()[count + 1]["level"]  # the line before may have been on its way
         config = world.monitor()["config"]
-        world.wait_for(lambda: _level(world) == 0, "full quality again")
+        world.wait_for(lambda: level() == 0, "full quality again")
         world.wait_for(lambda: heard("level") and heard("level")[-1]["level"] == 0, "word of it")
         steps = heard("level")
     assert up.poll() is None and restarted >= 1, (
