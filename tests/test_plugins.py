@@ -336,7 +336,12 @@ def test_plugin_source_is_named_for_each_wrong_result(
     [
         ("import os; os._exit(0)", "ends the process"),
         ("import os; os.abort()", "ends the process"),
-        ("import signal; signal.pause()", "does not end"),
+        (
+            "import os, itertools\n    if os.fork(): os._exit(0)\n    try:"
+            " all(os.write(2, b'x') for _ in itertools.repeat(0))\n    finally: os._exit(0)",
+            "ends the process",
+        ),
+        ("while True: pass", "does not end"),
     ],
 )
 def test_plugin_layout_that_ends_or_blocks_the_packer_is_named_and_skipped(

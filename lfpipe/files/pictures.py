@@ -272,9 +272,8 @@ def _unreadable(path: Path, why: str) -> UserError:
 
 def _failed(path: Path, header: Header, why: str) -> UserError:
     """The error of a decoder, which does not tell whether it had too little memory."""
-    needed_bytes = (
-        _PILLOW_COPIES if header.format in _BY_PILLOW else _COPIES
-    ) * header.decoded_bytes
+    copies = _PILLOW_COPIES if header.format in _BY_PILLOW else _COPIES
+    needed_bytes = copies * header.decoded_bytes
     try:
         np.empty(needed_bytes, np.uint8)
     except MemoryError:

@@ -100,7 +100,11 @@ class Worker:
     def _exit_code(self) -> int | None:
         """The child's exit code, after its last output is read; None while it runs."""
         code = self._process.exit_code
-        while code is not None and self._open and connection.wait(self.fds, LAST_OUTPUT_S):
+        end_s = time.monotonic() + LAST_OUTPUT_S
+        while code is not None and self._open:
+            left_s = end_s - time.monotonic()
+            if left_s < 0 or not connection.wait(self.fds, left_s):
+                self._open.clear()  # another process has them, and may write for ever
             self.read()
         return code
 

@@ -273,8 +273,9 @@ def open_sequence(path: Path, verify: bool = True) -> Sequence:
     if complete and len(packets) != frames:
         raise UserError(f"{path}: {len(packets)} frames, but {frames} were recorded", COPY)
     largest = packets.largest()
-    # of a scene, maps of a quarter of the pixels besides
-    most = 4 * width_px * height_px + HEADER_BYTES
+    # a program's disparity has a byte for four pixels
+    px_bytes = 4 if "scene" in packets.codecs else 3
+    most = px_bytes * width_px * height_px + HEADER_BYTES
     if largest.bytes > most:
         raise UserError(
             f"{path}: frame {largest.seq} has {largest.bytes} bytes; one of {width_px}x{height_px}"

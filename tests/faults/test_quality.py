@@ -95,7 +95,7 @@ def test_quality_goes_down_by_levels_on_a_busy_machine_and_comes_back(
     with world.tap() as heard:
 
         def level() -> int:
-            heard("level")  # what is not taken for long is lost
+            heard("level")  # a subscriber that reads too slowly loses messages
             return _level(world)
 
         hogs.start()

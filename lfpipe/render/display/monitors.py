@@ -125,7 +125,7 @@ def device_latency_doubt(config: Config, camera: str, monitors: list[Monitor]) -
     the camera in use. monitors: all connected ones; without screen.monitor the window may be on
     any of them.
     """
-    _, _, then = config.render.device_latency_measured.partition("; ")
+    then = config.render.device_latency_measured.partition("; ")[2]  # after its date
     if not then:
         return "it was set by hand, not measured" if config.render.device_latency_ms else ""
     asked = str(config.screen.monitor).lower()
