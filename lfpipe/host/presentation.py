@@ -1,4 +1,4 @@
-"""Reports of a window system about a picture on its screen: their form, and those of an X server.
+"""Reports of an X server about a picture on its screen.
 
 X's Present extension reports vertical blanks, over a separate connection. The first one after the
 submission of a picture shows it, unless a compositor intervenes. It is identified by its time,
@@ -158,9 +158,6 @@ class XPresentation:
             self._connection, events, window, _COMPLETE_NOTIFY_MASK
         )
         self._xcb.xcb_flush(self._connection)
-
-    def expect(self, serial: int) -> None:
-        """Does nothing: the request follows the picture."""
 
     def handed_over(self, serial: int) -> None:
         """Requests the next vertical blank."""

@@ -2,9 +2,8 @@
 
 import functools
 import json
-import shutil
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,6 @@ import pytest
 
 from lfpipe.scene.demo import NAME
 from tests.scene.made import read
-from tests.support.sway_screen import sway
 from tests.support.world import World, write_scene
 from tests.support.xdnd import drop
 from tests.support.xvfb_screen import Screen, needs_xdotool, outline
@@ -254,27 +252,10 @@ def test_session_window_shows_a_second_scene(world: World, scene: Path, screen: 
     world.ended(process)
 
 
-@pytest.fixture(scope="module")
-def wayland() -> Iterator[str]:
-    if shutil.which("sway") is None:
-        pytest.skip("sway is not installed (apt-get install sway)")
-    with sway(1280, 800, 75) as name:
-        yield name
-
-
-@pytest.mark.parametrize("system", ["x", "wayland"])
 def test_presented_by_names_the_source_of_vblanks(
-    system: str, world: World, scene: Path, request: pytest.FixtureRequest
+    world: World, scene: Path, screen: Screen
 ) -> None:
-    if system == "x":
-        world.env["DISPLAY"] = request.getfixturevalue("screen").name
-        reporters = {"x_present"}
-    else:  # which of them depends on the version of wlroots
-        world.env |= {
-            "WAYLAND_DISPLAY": request.getfixturevalue("wayland"),
-            "SDL_VIDEODRIVER": "wayland",
-        }
-        reporters = {"wp_presentation", "wl_surface.frame"}
+    world.env["DISPLAY"] = screen.name
     world.shows(scene, display="window", pictures=60)
 
     def reported() -> list[dict[str, Any]]:
@@ -284,12 +265,12 @@ def test_presented_by_names_the_source_of_vblanks(
         return last if handed_over < len(last) / 2 else []
 
     lines = world.wait_for(reported, "reports of most pictures")
-    assert {line["presented_by"] for line in lines} <= reporters | {"handover", "replaced"}
+    assert {line["presented_by"] for line in lines} <= {"x_present", "handover", "replaced"}
     assert all(b["seq"] == a["seq"] + 1 for a, b in pairwise(lines)), "in their order, each of them"
     seen = [line for line in lines if line["composed"] and line["presented_by"] != "replaced"]
     assert all(-20e6 <= line["t_presented_ns"] - line["t_composed_ns"] < 1e9 for line in seen)
     assert not any(line["t_presented_ns"] for line in lines if line["presented_by"] == "replaced")
-    vblanks = [line["t_presented_ns"] for line in seen if line["presented_by"] in reporters]
+    vblanks = [line["t_presented_ns"] for line in seen if line["presented_by"] == "x_present"]
     assert all(a < b for a, b in pairwise(vblanks)), "no two pictures at one vblank"
     monitor = world.monitor()
     assert monitor["judder"]["planned"] > 0 and 0 <= monitor["judder"]["percent"] <= 100

@@ -22,8 +22,6 @@ class SimulatedScreen:
     rate_hz: float
     claimed_hz: float
     """The rate that the window system names."""
-    reports: str = "period"
-    """"period": the true one; "none": 0; "stale": that of claimed_hz, for ever."""
     drift: float = 0.0
     moves_to_hz: float = 0.0
     """Rate of the screen that the window moves to after MOVES_S; 0: it does not move."""
@@ -42,12 +40,6 @@ class SimulatedScreen:
             t_ns += 1e9 / rates[-1] * (1 + self.drift)
             times.append(round(t_ns))
         return times, rates
-
-    def period_ns(self, rate_hz: float) -> int:
-        """The period that a report of a vertical blank names."""
-        return {"period": round(1e9 / rate_hz), "none": 0}.get(
-            self.reports, round(1e9 / self.claimed_hz)
-        )
 
 
 def late_share(screen: SimulatedScreen, cost_ms: float, seconds: float = 25.0) -> float:
@@ -75,7 +67,7 @@ def late_share(screen: SimulatedScreen, cost_ms: float, seconds: float = 25.0) -
         while vblank < len(times) and times[vblank] <= now_ns:
             t_ns = times[vblank]
             ready = [one for one in pending if one[2] + DEADLINE_MS * MS_NS <= t_ns]
-            period_ns = screen.period_ns(rates[vblank])
+            period_ns = round(1e9 / rates[vblank])
             for one in ready:
                 shown_ns = t_ns if one is ready[-1] else 0
                 reports.append(Presented(one[0], shown_ns, period_ns if shown_ns else 0))

@@ -42,9 +42,7 @@ class Display:
 
     @property
     def vblank_source(self) -> str:
-        """Protocol that currently reports presentations: wp_presentation, wl_surface.frame or
-        x_present; empty for none.
-        """
+        """What reports presentations: x_present; empty for nothing."""
         return ""
 
     def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:

@@ -5,7 +5,6 @@ the window system reports.
 import math
 
 from lfpipe.host.presentation import Presented
-from lfpipe.render.display.vblank_grid import GridEstimator
 from lfpipe.transport.clock import MS_NS, SECOND_NS
 
 SLACK = 0.2  # of a period, at most 3 ms: tolerated lateness of eyes
@@ -94,15 +93,12 @@ class Refresh:
         self._due_ns += min(max(GAIN * late_ns, -largest_ns), largest_ns)
 
 
-# phase within a few vblanks; period over a hundred: reports come in whole ms
+# phase within a few vblanks; period over a hundred: some servers report whole ms
 PHASE_GAIN, PERIOD_GAIN = 0.3, 0.01
 OFF_GRID = 0.35  # of a period: a vblank further off belongs to another grid
 OFF_COUNT = 5  # after this many such vblanks in a row the clock follows the other grid
 # around the nominal one, if the period is not reported: the error of a rate in whole Hz at 25 Hz
 PERIOD_RANGE = 0.12
-REPAINT_RANGE = 0.05  # the same of repaints, whose timers count whole ms
-STALL_NS = 2 * MS_NS  # a repaint that is later than this moves the grid
-REPAINT_NARROWING_NS = 5000  # per picture: what is too wide shrinks by 4 ms in 15 s at 60 Hz
 EARLY_NS = MS_NS // 4  # after a vblank; no submission for the next one before this
 # The lead is the mean cost of a picture and a margin, which holds the rest: how much costs vary,
 # how late the process wakes up, how long before a vblank the window system takes a picture.
@@ -131,27 +127,19 @@ class ScreenClock:
         self.period_ns = self._nominal_ns
         self._t_ns = float(t0_ns)
         self._off = 0
-        self._repaint_ns = 0
         self.measured = False  # whether a vblank was reported
 
     @property
     def rate_hz(self) -> float:
         return SECOND_NS / self.period_ns
 
-    def claim(self, nominal_hz: float) -> bool:
-        """Takes the rate that the screen claims. Returns whether it changed: then the window has
-        moved, and the grid is detected again.
+    def claim(self, nominal_hz: float) -> None:
+        """Takes the rate that the screen claims. If it changes, the window has moved, and the grid
+        is detected again.
         """
-        changed = abs(1e9 / nominal_hz - self._claimed_ns) > 1
-        if changed:
+        if abs(1e9 / nominal_hz - self._claimed_ns) > 1:
             self._claimed_ns = self._nominal_ns = self.period_ns = 1e9 / nominal_hz
             self.measured = False
-        return changed
-
-    def adopt(self, period_ns: float) -> None:
-        """Takes a period that the pictures show; the phase is detected again."""
-        self._nominal_ns = self.period_ns = period_ns
-        self.measured = False
 
     def vblank(self, t_ns: int, period_ns: int = 0) -> None:
         """Adds a vblank at t_ns. period_ns: reported with it, or 0."""
@@ -172,21 +160,8 @@ class ScreenClock:
         if count <= 0:
             return
         self._t_ns += count * self.period_ns + PHASE_GAIN * error_ns
-        self._set_period(self.period_ns + PERIOD_GAIN * error_ns / count, PERIOD_RANGE)
-
-    def repaint(self, t_ns: int, late_ns: int) -> None:
-        """Adds a repaint at t_ns, late_ns after it was due, of a screen without vblanks."""
-        interval_ns = t_ns - self._repaint_ns
-        self._repaint_ns = t_ns
-        stall_ns = max(late_ns - STALL_NS, 0)
-        self._t_ns = self.nearest(t_ns) + GAIN * late_ns + PHASE_GAIN * stall_ns
-        if round(interval_ns / self.period_ns) == 1:
-            self._set_period(self.period_ns + GAIN * (interval_ns - self.period_ns), REPAINT_RANGE)
-
-    def _set_period(self, period_ns: float, share: float) -> None:
-        """Sets the period, within a share of the nominal one."""
-        low_ns, high_ns = self._nominal_ns * (1 - share), self._nominal_ns * (1 + share)
-        self.period_ns = min(max(period_ns, low_ns), high_ns)
+        low_ns, high_ns = (self._nominal_ns * (1 + way * PERIOD_RANGE) for way in (-1, 1))
+        self.period_ns = min(max(self.period_ns + PERIOD_GAIN * error_ns / count, low_ns), high_ns)
 
     def nearest(self, t_ns: float) -> int:
         """The vblank nearest to t_ns."""
@@ -208,10 +183,6 @@ class ScreenRefresh(Refresh):
         self._punctual = 0  # pictures since the last late one
         self._since_stall = SOON  # pictures since one was submitted a period too late
         self._step_ns = MIN_STEP_NS
-        self._has_vblanks = True
-        self._estimator = GridEstimator()
-        self._reports_period = True  # and pictures do not contradict it
-        self._late_ns = 0  # of the last repaint
         self._unjudged: list[tuple[int, int]] = []  # (target, submission) of replaced pictures
         self._margin_ns = float(MARGIN_NS)
         # by how much more than a period before its vblank a picture may be submitted
@@ -252,46 +223,15 @@ class ScreenRefresh(Refresh):
 
         One that was replaced would have been shown when its successor was.
         """
-        self._observe(t_handed_ns, t_presented_ns)
         if not self.clock.measured:
             return not t_presented_ns
         self._unjudged.append((target_ns, t_handed_ns))
         if not t_presented_ns:
             return True
-        if not self._has_vblanks:
-            self._unjudged.clear()
-            return self._judge_repaint(target_ns, t_presented_ns)
         for unjudged in self._unjudged:
             vblanks = self._record_vblank(*unjudged, t_presented_ns)
         self._unjudged.clear()
         return bool(vblanks)
-
-    def _observe(self, t_handed_ns: int, t_presented_ns: int) -> None:
-        """Learns from when pictures appear what kind of screen it is, and at which rate."""
-        grid = self._estimator.add(t_handed_ns, t_presented_ns)
-        if grid is None:
-            return
-        if grid.contradicts(self.clock.period_ns):
-            self._reports_period = False
-            self.clock.adopt(grid.period_ns)
-            self._estimator.reset()
-        if not self._reports_period:
-            self._has_vblanks = not grid.is_on_demand
-
-    def _judge_repaint(self, target_ns: int, t_presented_ns: int) -> bool:
-        """Whether the interval to the previous picture was not as planned.
-
-        A screen without vblanks shows a picture soon after its submission, or when it has rested
-        since the last one: the margin becomes the delay, and the grid follows the rests.
-        """
-        late_ns = t_presented_ns - target_ns
-        changed_ns = late_ns - self._late_ns
-        self._late_ns = late_ns
-        self._margin_ns += min(max(GAIN * late_ns, -MIN_STEP_NS), MIN_STEP_NS)
-        self._margin_ns -= REPAINT_NARROWING_NS
-        self._limit_margin(MAX_PERIODS * self.clock.period_ns)
-        self.clock.repaint(t_presented_ns, late_ns)
-        return abs(changed_ns) > self.clock.period_ns / 2
 
     def _record_vblank(self, target_ns: int, t_handed_ns: int, t_presented_ns: int) -> int:
         """By how many vblanks the picture was late.
@@ -327,28 +267,19 @@ class ScreenRefresh(Refresh):
             self._punctual += 1
             self._margin_ns -= NARROWING * self._punctual**3
         own_ns = MAX_MARGIN_PERIODS * max(period_ns, self._cost_ns) + self._ahead_ns
-        self._limit_margin(min(MAX_PERIODS * period_ns, own_ns))
-        return vblanks
-
-    def _limit_margin(self, most_ns: float) -> None:
+        most_ns = min(MAX_PERIODS * period_ns, own_ns)
         self._margin_ns = min(max(self._margin_ns, MIN_MARGIN_NS), most_ns)
+        return vblanks
 
     def vblanks(self, reports: list[Presented], nominal_hz: float) -> None:
         """Takes the window system's reports.
 
         nominal_hz: the rate that the window's monitor claims.
         """
-        if self.clock.claim(nominal_hz):
-            self._reports_period = True
-            self._estimator.reset()
+        self.clock.claim(nominal_hz)
         for report in reports:
-            if not report.t_ns:
-                continue
-            if self._reports_period and not report.period_ns:
-                self._reports_period = self._has_vblanks = False
-            period_ns = report.period_ns if self._reports_period else 0
-            if self._has_vblanks or not self.clock.measured:
-                self.clock.vblank(report.t_ns, period_ns)
+            if report.t_ns:
+                self.clock.vblank(report.t_ns, report.period_ns)
 
     def limit(self, rate_hz: float | str, nominal_hz: float) -> None:
         self._limit_hz = 0.0 if rate_hz == "auto" else nominal_hz

@@ -257,8 +257,6 @@ class ScreenWindow(Display):
             self._numbers[self._handed] = self._number
         with self.waiting():
             self._painter.paint(picture, panels)
-            if self._presentation is not None:
-                self._presentation.expect(self._handed)
             self._painter.swap()
         if self._presentation is not None:
             self._presentation.handed_over(self._handed)

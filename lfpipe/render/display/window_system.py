@@ -4,6 +4,7 @@ window.
 Import pygame from here: SDL reads its environment when it starts.
 """
 
+import contextlib
 import ctypes
 import functools
 import os
@@ -11,7 +12,6 @@ from pathlib import Path
 
 from lfpipe.host.machine import has_gpu
 from lfpipe.host.presentation import XPresentation
-from lfpipe.host.wayland_presentation import WaylandPresentation
 
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
 os.environ.setdefault("SDL_NO_SIGNAL_HANDLERS", "1")  # the process has its own handlers
@@ -174,17 +174,14 @@ def connection_fds(window: pygame.Window) -> tuple[int, ...] | None:
     return (int(function(display)),)
 
 
-def open_presentation(window: pygame.Window) -> XPresentation | WaylandPresentation | None:
-    """The source of reports of this window's vblanks, or None.
+def open_presentation(window: pygame.Window) -> XPresentation | None:
+    """The source of reports of this window's vblanks; None where the window system has none that
+    is used here.
 
     Call after creating the painter: it may replace the window.
     """
-    system, first, second = _handles(window)
-    try:
-        if system == _WAYLAND and first and second:
-            return WaylandPresentation(first, second)
-        if system == _X11 and second:
-            return XPresentation(second)
-    except OSError:
-        pass
+    system, _, handle = _handles(window)
+    with contextlib.suppress(OSError):
+        if system == _X11 and handle:
+            return XPresentation(handle)
     return None
