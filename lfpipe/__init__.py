@@ -11,7 +11,6 @@ import os
 from typing import TYPE_CHECKING, Any
 
 from lfpipe._version import __version__ as __version__
-from lfpipe.host.home import provide_home
 
 if TYPE_CHECKING:
     from lfpipe.api.live_scene import LiveScene, Viewpoints
@@ -49,7 +48,6 @@ _MODULES = {
     "track.head": ("Head",),
 }
 
-provide_home()
 # A program that sets up no logging gets no messages, as from any library.
 logging.getLogger(__name__).addHandler(logging.NullHandler())
 # OpenCV reads these when it is imported. The first is a second limit behind lfpipe.files.pictures;

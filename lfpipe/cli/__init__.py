@@ -21,8 +21,7 @@ from lfpipe.cli.plugged import AddedCommand, ExtensibleGroup, added
 from lfpipe.cli.terminal import print_error, say
 from lfpipe.errors import UserError
 from lfpipe.host import signals
-from lfpipe.host.processes import leave
-from lfpipe.host.terminal import protect_output
+from lfpipe.host.terminal import drop_output, open_standard_files
 from lfpipe.log import set_up
 
 log = logging.getLogger(__name__)
@@ -190,18 +189,18 @@ def machine_errors() -> Iterator[None]:
         ) from error
 
 
-def _drop_output() -> None:
+def _end_output() -> None:
     """Flushes stdout if possible, then redirects it to the null device."""
     if sys.stdout is None:
         return
     with contextlib.suppress(OSError):
         sys.stdout.flush()
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    drop_output(sys.stdout.fileno())
 
 
 def _reader_ended() -> NoReturn:
     """For a closed pipe, as in `lfpipe ... | head`."""
-    _drop_output()
+    _end_output()
     sys.exit(141)
 
 
@@ -211,25 +210,14 @@ def run(notify: Callable[[UserError], None] = print_error) -> NoReturn:
 
     notify: shows an error.
     """
-    try:
-        _run(notify)
-    except SystemExit as end:
-        leave(end.code if isinstance(end.code, int) else 1)
-        raise
-    except Exception:
-        leave(1, *sys.exc_info())
-        raise
-
-
-def _run(notify: Callable[[UserError], None]) -> NoReturn:
 
     def fail(error: UserError) -> NoReturn:
         log.debug("the command failed", exc_info=True)
-        _drop_output()
+        _end_output()
         notify(error)
         sys.exit(2)
 
-    protect_output("stderr")
+    open_standard_files()
     codecs.register_error("path", _path_bytes)
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="path")

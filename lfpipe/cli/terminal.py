@@ -16,6 +16,7 @@ import click
 
 from lfpipe.errors import ERROR_FILE, UserError, escaped, plain
 from lfpipe.files.safe_files import write_file
+from lfpipe.host.terminal import drop_output
 
 QUIET_S = 5.0  # a shorter wait needs no line
 Progress = Callable[[str, int, int], None]  # (task, steps done, steps in total)
@@ -46,8 +47,15 @@ def print_table(title: str, head: Sequence[str], body: Sequence[Sequence[str]]) 
 
 
 def say(text: str) -> None:
-    """Prints messages on stderr, `escaped`: stdout is for results."""
-    click.echo(escaped(text), err=True)
+    """Prints messages on stderr, `escaped`: stdout is for results. A session whose terminal is
+    closed goes on without it.
+    """
+    try:
+        click.echo(escaped(text), err=True)
+    except OSError:
+        if os.path.sameopenfile(1, 2):
+            drop_output(1)
+        drop_output(2)
 
 
 def print_error(error: UserError) -> None:

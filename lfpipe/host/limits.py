@@ -1,23 +1,18 @@
 """Limits of the operating system. Open files: raised before a session starts, because some
-libraries abort if the limit is too low. Threads: probed, for the same reason. Memory: limited only
-if the system reports the use of a process.
+libraries abort if the limit is too low. Memory: limited only if the system reports the use of a
+process.
 """
 
 import contextlib
 import errno
 import resource
 import sys
-import threading
 from pathlib import Path
 from typing import Self
 
 from lfpipe.errors import UserError
-from lfpipe.host.processes import usable_cores
 
 OPEN_FILES = 128  # about 30 for a stage, as many for the supervisor, and a reserve
-# A session on two cores starts 30, and each of its processes one more per core; a packer 10.
-SESSION_THREADS = 24 + 4 * len(usable_cores())
-WORKER_THREADS = 8 + len(usable_cores())
 # more is useless, and some programs close every number up to the limit;
 # macOS refuses more than OPEN_MAX
 MAX_FILES = 1 << 16 if sys.platform == "linux" else 1 << 13
@@ -53,30 +48,6 @@ def allow_files() -> None:
 def free_files() -> int:
     """How many more files this process may open."""
     return resource.getrlimit(resource.RLIMIT_NOFILE)[0] - len([*Path("/dev/fd").iterdir()])
-
-
-def check_threads(count: int) -> None:
-    """Raises UserError unless this user may start that many more threads or processes now.
-    Otherwise libraries would abort, or fail with messages of their own.
-    """
-    release = threading.Event()
-    threads: list[threading.Thread] = []
-    try:
-        for _ in range(count):
-            thread = threading.Thread(target=release.wait, daemon=True)
-            thread.start()
-            threads.append(thread)
-    except RuntimeError:
-        limit = resource.getrlimit(resource.RLIMIT_NPROC)[0]
-        allowed = f"{limit} threads of all your processes" if limit >= 0 else "too few threads"
-        raise UserError(
-            f"{allowed} are allowed here (RLIMIT_NPROC); {count} more are needed",
-            "end other programs, or raise the limit: `ulimit -u`, TasksMax= in a systemd unit",
-        ) from None
-    finally:
-        release.set()
-        for thread in threads:
-            thread.join()
 
 
 class MemoryLimit:

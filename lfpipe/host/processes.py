@@ -4,7 +4,6 @@ its parent.
 
 from __future__ import annotations
 
-import atexit
 import contextlib
 import ctypes
 import multiprocessing
@@ -13,7 +12,6 @@ import platform
 import signal
 import struct
 import sys
-import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -96,22 +94,6 @@ def end_with_parent(parent_pid: int) -> bool:
     """
     _libc("prctl", PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
     return os.getppid() == parent_pid
-
-
-def leave(code: int, *error: Any) -> None:
-    """Ends this process if a daemon thread is left; else returns. The thread may be inside native
-    code: the end of the interpreter would unwind it, and C++ then aborts the process. error: of
-    `sys.exc_info`, to print before.
-    """
-    if not any(thread.daemon for thread in threading.enumerate()):
-        return
-    if error:
-        sys.excepthook(*error)
-    atexit._run_exitfuncs()
-    for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(AttributeError, OSError, ValueError):  # closed, or its reader is
-            stream.flush()
-    os._exit(code)
 
 
 def resume_stage(pid: int) -> None:

@@ -22,7 +22,7 @@ from typing import Any
 from lfpipe.errors import UserError
 from lfpipe.host import signals
 from lfpipe.host.child import PIPE, Child, Patience, end_with_parent, is_computing, python
-from lfpipe.host.limits import WORKER_THREADS, MemoryLimit, check_threads
+from lfpipe.host.limits import MemoryLimit
 from lfpipe.host.processes import cpu_ns
 
 MAX_LINE_BYTES = 1 << 20  # of the child's output; a longer line is not one of ours
@@ -55,7 +55,6 @@ class Worker:
         limit_s: float,
         stderr: int | None = PIPE,
     ) -> None:
-        check_threads(WORKER_THREADS)
         self.subject = subject
         self._patience = Patience(limit_s=limit_s, cpu_s=limit_s)
         self._verdict: dict[str, Any] | None = None

@@ -2,6 +2,7 @@
 error reports for the stage's `main`. It reads its `StageSpec` from standard input.
 """
 
+import contextlib
 import faulthandler
 import importlib
 import json
@@ -20,7 +21,6 @@ from lfpipe.errors import UserError
 from lfpipe.files.safe_files import write_file
 from lfpipe.host import processes, signals
 from lfpipe.host.child import end_with_parent
-from lfpipe.host.terminal import protect_output
 from lfpipe.supervisor import rundir
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring_io import StageSpec
@@ -47,7 +47,6 @@ def main() -> None:
     """Entry point of the process."""
     # the terminal sends signals to the whole group; only the supervisor acts on them
     signals.ignore()
-    protect_output("stdout", "stderr")
     parent_pid, plain = json.loads(sys.stdin.buffer.readline())
     end_with_parent()
     if not processes.end_with_parent(parent_pid):
@@ -98,8 +97,9 @@ def _run_stage(spec: StageSpec, parent_pid: int, run_dir: Path, stack: TextIO) -
     context.close()
     if os.getppid() != parent_pid:
         rundir.sweep()  # the supervisor was killed: the last stage cleans up
-    sys.stdout.flush()
-    sys.stderr.flush()
+    with contextlib.suppress(OSError):  # the terminal is closed
+        sys.stdout.flush()
+        sys.stderr.flush()
     os._exit(code)  # threads of libraries (MediaPipe, SDL) must not block the exit
 
 

@@ -9,7 +9,6 @@ from lfpipe import log as session_log
 from lfpipe.config import Config, SessionOptions
 from lfpipe.host import limits, signals
 from lfpipe.host.file_lock import Lock
-from lfpipe.host.terminal import protect_output
 from lfpipe.scene.open_scene import Packing
 from lfpipe.supervisor import rundir
 from lfpipe.supervisor.effects import Outcome
@@ -18,7 +17,6 @@ from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.session import Session
 
 logger = logging.getLogger(__name__)
-READER_S = 0.2  # for a terminal or program to read messages: a session does not wait longer
 
 
 @contextlib.contextmanager
@@ -27,7 +25,6 @@ def _acquired(session: Session) -> Iterator[tuple[Session, Lock]]:
     UserError.
     """
     limits.allow_files()
-    limits.check_threads(limits.SESSION_THREADS)
     with rundir.filled(session):
         lock = rundir.acquire(session)
     try:
@@ -62,8 +59,6 @@ def run_session(
     Raises UserError before any process starts if the session is impossible: its name is in use,
     /dev/shm is too small, a stage is configured for a missing core, ...
     """
-    protect_output("stdout")
-    protect_output("stderr", patience_s=READER_S)
     arrived: list[int] = []
     live: LiveSession | None = None
 

@@ -36,7 +36,6 @@ ALLOWED = {
     "host/terminal.py": "/dev/null",
     "host/wake.py": "a FIFO in the run directory",
     "capture/v4l2_device.py": "a device",
-    "cli/__init__.py": "/dev/null",
     "log.py": "the log in the run directory, which only its owner can enter",
     "replays/run.py": "copies into a folder that it has just made",
     "scene/pack.py": "arrays in the folder of a pack that it has just made",

@@ -7,8 +7,6 @@ import ctypes
 import os
 import platform
 import re
-import shutil
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -28,31 +26,6 @@ from lfpipe.host.worker import Worker
 from lfpipe.transport import ring
 from tests.support.processes import printed
 from tests.support.refusal import refusal
-
-FEW_THREADS = """
-import resource
-from lfpipe.host.limits import check_threads
-resource.setrlimit(resource.RLIMIT_NPROC, (8, 8))
-check_threads(2)
-try:
-    check_threads(20)
-except Exception as error:
-    print(error)
-"""
-
-
-def test_a_limit_of_processes_is_named_before_a_library_aborts() -> None:
-    as_stranger = ["setpriv", "--reuid=65431", "--clear-groups"]
-    as_stranger += [f"--{kind}-caps=+dac_override,+dac_read_search" for kind in ("inh", "ambient")]
-    as_stranger.append("--bounding-set=-sys_resource,-sys_admin")
-    if os.getuid() or shutil.which("setpriv") is None:
-        pytest.skip("needs root and setpriv: the limit is not root's, and counts all of a user's")
-    env = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
-    done = subprocess.run(
-        [*as_stranger, sys.executable, "-c", FEW_THREADS], capture_output=True, text=True, env=env
-    )
-    assert done.stdout.startswith("8 threads of all your processes are allowed"), done.stderr
-    assert "remedy: end other programs, or raise the limit" in done.stdout
 
 
 @pytest.mark.native("the scheduler's slices")
