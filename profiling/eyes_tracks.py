@@ -14,9 +14,9 @@ of 60 and 120 Hz measure the truth, with the residuals of the real frames in ran
 Figures are medians over the stretches, in % of the distance between the eyes, RMS over both eyes
 and every 2 ms: moving (over 0.5 distances/s), still (under 0.1 for 0.2 s), step from picture to
 picture while still, how far ahead of a head that has just stopped the eyes are shown (after it fell
-from 1.0 to 0.25 distances/s, for 0.2 s), and all. Then, by stretch, the error over all time. Two
-rows of the clips as recorded are bounds, not filters, chosen with each clip's own truth: Kalman's
-constant, and the best linear predictor from the last 8 steps.
+from 1.0 to 0.25 distances/s, for 0.2 s), and all. Then, by stretch, the error over all time. One
+row of the clips as recorded is a bound, not a filter, chosen with each clip's own truth: the best
+linear predictor from the last 8 steps.
 
 The table of bad frames: every 2 s landmarks are wrong, in eye distances. How far that
 moves the point between the eyes at most, in views (4 between the eyes), median stretch and worst.
@@ -34,7 +34,6 @@ from numpy.typing import NDArray
 from lfpipe.bench.simulator.tracks import read_table
 from lfpipe.config import FILTER_MODULES, Track
 from lfpipe.track.filters.base import EyeFilter
-from lfpipe.track.filters.kalman import Kalman
 from lfpipe.track.filters.mean import Mean
 from lfpipe.track.filters.table import make_filter
 from profiling.arguments import existing, parser_of, start
@@ -47,7 +46,6 @@ MIN_FRAMES = 60
 DEVICE_LATENCIES_S = (0.0, 0.04, 0.08, 0.12)
 CAMERAS_HZ = (0, 60, 120)  # 0: as recorded, 25 or 30 Hz
 LAGS = 8
-Q_OVER_R = tuple(float(one) for one in np.geomspace(1e3, 1e6, 7))
 FAULT_S = 2.0
 VIEWS = 4.0
 # added to the left and to the right eye, and in how many frames
@@ -183,12 +181,6 @@ def fitted(clip: Clip, device_latency_s: float) -> tuple[Float, Float]:
     return due_s + device_latency_s, clip.eyes[k] + np.tile(inputs @ factors, (1, 2))
 
 
-def best_kalman(clip: Clip, device_latency_s: float) -> Float:
-    """Its metrics with the q_over_r that gives this clip the least error over all time."""
-    rows = [metrics(clip, *shown(clip, Kalman(one), True, device_latency_s)) for one in Q_OVER_R]
-    return np.array(min(rows, key=lambda row: row[4]))
-
-
 def metrics(clip: Clip, times: Float, used: Float) -> list[float]:
     """moving, still, step, overshoot, all; NaN where the clip has none of it."""
     k = np.clip(np.searchsorted(times, clip.fine_s, side="right") - 1, 0, None)
@@ -303,9 +295,6 @@ def main() -> None:
                 delay = f"{device_latency_s * 1000:.0f}"
                 every = table(found, ways, device_latency_s)
                 if not camera_hz:
-                    every["kalman, best of each clip"] = np.array(
-                        [best_kalman(clip, device_latency_s) for clip in found]
-                    )
                     every["linear, fitted to each clip"] = np.array(
                         [metrics(clip, *fitted(clip, device_latency_s)) for clip in found]
                     )

@@ -32,7 +32,6 @@ Anaglyph = Literal[
 FILTER_MODULES = {
     "predictive": "imm",
     "one-euro": "one_euro",
-    "kalman": "kalman",
     "mean": "mean",
 }
 

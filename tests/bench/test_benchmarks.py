@@ -167,7 +167,7 @@ def test_a_bad_frame_is_judged_by_peak_and_duration() -> None:
         for n in (1, 2)
     )
     assert once < 0.1 < 0.5 < twice, "what no head does is held back once"
-    assert stability.disturbed("kalman", "spike of 1e18 px", 30, True)[0] < 0.5
+    assert stability.disturbed("one-euro", "spike of 1e18 px", 30, True)[0] < 0.5
 
 
 def test_a_sequence_is_read_frame_by_frame_and_a_recorded_one_will_do(tmp_path: Path) -> None:
