@@ -6,6 +6,7 @@ machines and Pythons. There, the files are taken from a wheel of that version fo
 which uv or pip fetches by the package's name. All its wheels contain the same files.
 """
 
+import contextlib
 import hashlib
 import importlib.util
 import os
@@ -14,14 +15,13 @@ import subprocess
 import sys
 import tempfile
 import zipfile
-import zlib
 from collections.abc import Callable
 from pathlib import Path
 
 from lfpipe.errors import UserError
-from lfpipe.files.safe_files import check_regular, read_bytes, reason, write_file
+from lfpipe.files.safe_files import check_regular, reason, write_file
 from lfpipe.host.child import python
-from lfpipe.host.files import is_dir, is_file
+from lfpipe.host.files import is_file
 from lfpipe.host.machine import install_command
 
 VERSION = "0.10.21"  # the last version with these files
@@ -48,17 +48,7 @@ DAMAGED = (
 )
 # Options that make an installer fetch the wheel for one fixed platform, on any machine.
 _UV = ("--python-platform", "x86_64-manylinux_2_28", "--python-version", "3.12")
-_PIP = (
-    "--platform",
-    "manylinux_2_28_x86_64",
-    "--implementation",
-    "cp",
-    "--python-version",
-    "312",
-    "--abi",
-    "cp312",
-)
-_ONLY = ("--no-deps", "--only-binary", ":all:")
+_PIP = ("--platform", "manylinux_2_28_x86_64", "--python-version", "312")
 
 
 def package_folder() -> Path | None:
@@ -101,23 +91,38 @@ def missing_models() -> list[str]:
 
 
 def install_models(wheel: Path) -> Path:
-    """Copies the networks from a wheel, or from a folder with its contents. Returns the data
-    folder.
+    """Copies the networks from a wheel. Returns the data folder.
 
     Raises UserError if a file is missing or has other contents, or if the folder cannot be written.
     The data folder is then unchanged.
     """
-    contents = {relative: _read(wheel, f"mediapipe/{relative}") for relative in SHA256}
-    for relative, content in contents.items():
-        if (sha256 := hashlib.sha256(content).hexdigest()) != SHA256[relative]:
+    try:
+        check_regular(wheel)
+        with zipfile.ZipFile(wheel) as archive:
+            return _store(zipfile.Path(archive, "mediapipe/"), str(wheel))
+    except (OSError, zipfile.BadZipFile) as error:
+        why = reason(error) if isinstance(error, OSError) else f"not a wheel: {error}"
+        raise UserError(f"{wheel}: {why}", f"use a wheel of {PACKAGE}, for any platform") from None
+
+
+def _store(package: Path | zipfile.Path, name: str) -> Path:
+    """Copies the networks of the package mediapipe, which is called name. Raises UserError."""
+    contents = dict[str, bytes]()
+    for relative, expected in SHA256.items():
+        sha256 = ""
+        # zipfile raises many kinds of errors for damaged, unknown and encrypted contents
+        with contextlib.suppress(Exception), (package / relative).open("rb") as file:
+            contents[Path(relative).name] = file.read(MAX_BYTES)
+            sha256 = hashlib.sha256(contents[Path(relative).name]).hexdigest()
+        if sha256 != expected:
             raise UserError(
-                f"{wheel}: {relative}: SHA-256 {sha256}, expected {SHA256[relative]}",
-                f"use a wheel of {PACKAGE}",
+                f"{name}: {relative}: SHA-256 {sha256 or 'unknown'}, expected {expected}",
+                f"use a wheel of {PACKAGE}, for any platform",
             )
     folder = data_folder()
     try:
-        for relative, content in contents.items():
-            write_file(folder / Path(relative).name, content)
+        for file_name, content in contents.items():
+            write_file(folder / file_name, content)
     except OSError as error:
         raise UserError(
             f"{folder}: {reason(error)}", "check free disk space and write permission"
@@ -125,53 +130,14 @@ def install_models(wheel: Path) -> Path:
     return folder
 
 
-def _read(wheel: Path, name: str) -> bytes:
-    """One file of a wheel, or of a folder with its contents. Raises UserError."""
-    try:
-        if is_dir(wheel):
-            return read_bytes(wheel / name, MAX_BYTES)
-        check_regular(wheel)
-        with zipfile.ZipFile(wheel) as archive, archive.open(name) as file:
-            return file.read(MAX_BYTES)
-    except KeyError:
-        why = f"has no {name}"
-    except OSError as error:
-        why = reason(error)
-    except (
-        zipfile.BadZipFile,
-        zlib.error,
-        EOFError,
-        NotImplementedError,
-        RuntimeError,
-        ValueError,
-    ) as error:
-        # zipfile raises NotImplementedError for unknown compression, RuntimeError for encryption
-        why = f"not a wheel: {error}"
-    raise UserError(f"{wheel}: {why}", f"use a wheel of {PACKAGE}, for any platform")
-
-
 def installer(folder: Path) -> list[str]:
-    """The command that puts the wheel, or its contents, into folder: uv's, else pip's; empty
-    without either.
+    """The command that puts the contents of the wheel into folder: uv's, else pip's; empty without
+    either.
     """
+    what = ("--target", str(folder), "--no-deps", "--only-binary", ":all:", PACKAGE)
     if uv := os.environ.get("UV") or shutil.which("uv"):
-        return [
-            uv,
-            "pip",
-            "install",
-            "--python",
-            sys.executable,
-            "--target",
-            str(folder),
-            *_UV,
-            *_ONLY,
-            PACKAGE,
-        ]
-    words = ["download", "--dest", str(folder), *_PIP, *_ONLY, PACKAGE]
-    if importlib.util.find_spec("pip"):
-        return python("pip", *words)
-    other = shutil.which("pip")
-    return [other, *words] if other else []
+        return [uv, "pip", "install", "--python", sys.executable, *_UV, *what]
+    return python("pip", "install", *_PIP, *what) if importlib.util.find_spec("pip") else []
 
 
 def fetch_models(say: Callable[[str], None]) -> Path:
@@ -187,22 +153,11 @@ def fetch_models(say: Callable[[str], None]) -> Path:
                 "the face networks could not be fetched: neither uv nor pip is installed here",
                 REMEDY,
             )
-        program = Path(command[0]).stem
-        say(
-            f"models  fetching the face networks with {program}: the wheel of {PACKAGE}, 36 MB,"
-            " once"
-        )
+        say(f"models  fetching the face networks: the wheel of {PACKAGE}, 36 MB, once")
         try:
             subprocess.run(command, cwd=folder, stdout=subprocess.DEVNULL, check=True)
         except (OSError, subprocess.CalledProcessError) as error:
-            why = (
-                f"code {error.returncode}"
-                if isinstance(error, subprocess.CalledProcessError)
-                else reason(error)
-            )
-            raise UserError(
-                f"the face networks could not be fetched: `{program}` ended with {why}", REMEDY
-            ) from None
-        kept = install_models(next(folder.glob("*.whl"), folder))
+            raise UserError(f"the face networks could not be fetched: {error}", REMEDY) from None
+        kept = _store(folder / "mediapipe", PACKAGE)
     say(f"models  stored in {kept}")
     return kept
