@@ -1,5 +1,5 @@
 """The log: silent on the terminal unless asked (`-v`, `-vv`, LFPIPE_LOG); a session keeps the
-newest lines in its run directory.
+newest lines of each of its processes in its run directory.
 
 Every module logs to `logging.getLogger(__name__)` what a session decides, never what happens in
 every frame.
@@ -7,16 +7,20 @@ every frame.
 
 import contextlib
 import logging
+import multiprocessing
 import os
+import re
 import sys
 from collections.abc import Iterator
+from logging.handlers import RotatingFileHandler
 from pathlib import Path
 
 from lfpipe.errors import UserError, plain, quoted
 
 VARIABLE = "LFPIPE_LOG"
 FILE = "session.log"
-MAX_BYTES = 1 << 20  # of the file, and of its predecessor FILE.1: hours of a session at level info
+MAX_BYTES = 1 << 20  # of a process's file, and of its predecessor: hours at level info
+TIME_BYTES = len("2026-11-28 12:00:00,000")
 LEVELS = ("debug", "info", "warning", "error")
 
 
@@ -30,30 +34,6 @@ class PlainFormatter(logging.Formatter):
 _ROOT = logging.getLogger("lfpipe")
 _ROOT.addHandler(logging.NullHandler())
 _FORMAT = PlainFormatter("%(asctime)s %(levelname)s %(processName)s %(name)s: %(message)s")
-
-
-class SessionFile(logging.Handler):
-    """Appends to a file that several processes write, and keeps it near MAX_BYTES: each line is one
-    write at its end, and the process whose line crosses the limit renames it.
-    """
-
-    def __init__(self, path: Path) -> None:
-        super().__init__()
-        self.path = path
-        self.setFormatter(_FORMAT)
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Writes a record; ignores a log that cannot be written."""
-        with contextlib.suppress(Exception):
-            data = (self.format(record) + "\n").encode(errors="backslashreplace")
-            fd = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
-            try:
-                os.write(fd, data)
-                end = os.lseek(fd, 0, os.SEEK_CUR)
-            finally:
-                os.close(fd)
-            if end - len(data) < MAX_BYTES <= end:
-                self.path.replace(self.path.with_name(f"{self.path.name}.1"))
 
 
 def set_up(verbose: int = 0) -> None:
@@ -86,22 +66,26 @@ def kept_in(run_dir: Path) -> Iterator[None]:
     level = _ROOT.level
     if level == logging.NOTSET:
         _ROOT.setLevel(logging.INFO)
-    handler = SessionFile(run_dir / FILE)
+    logging.raiseExceptions = False  # a log that cannot be written ends nothing
+    path = run_dir / f"{multiprocessing.current_process().name}.log"
+    handler = RotatingFileHandler(
+        path, maxBytes=MAX_BYTES, backupCount=1, delay=True, errors="backslashreplace"
+    )
+    handler.setFormatter(_FORMAT)
     _ROOT.addHandler(handler)
     try:
         yield
     finally:
         _ROOT.removeHandler(handler)
+        handler.close()
         _ROOT.setLevel(level)
 
 
 def lines(run_dir: Path) -> bytes:
-    """The log in a run directory. Raises OSError."""
-    data = b""
-    for path in (run_dir / f"{FILE}.1", run_dir / FILE):
-        with contextlib.suppress(FileNotFoundError):
-            data += path.read_bytes()
-    return data
+    """The logs of all processes in a run directory, in the order of their times. Raises OSError."""
+    text = b"".join(path.read_bytes() for path in sorted(run_dir.glob("*.log*"), reverse=True))
+    records = re.split(rb"(?m)^(?=\d{4}-\d\d-\d\d )", text)  # one may have several lines
+    return b"".join(sorted(records, key=lambda record: record[:TIME_BYTES]))
 
 
 def last_file() -> Path:

@@ -37,34 +37,31 @@ def test_log_escapes_what_a_record_quotes(
     assert "\\x1b[2J\\x07" in (said := capfd.readouterr().err) and "\x1b" not in said
 
 
-def _write(path: Path, word: str, count: int) -> None:
-    handler = log.SessionFile(path)
-    for number in range(count):
-        handler.emit(
-            logging.LogRecord(
-                "lfpipe", logging.INFO, "", 0, "%s %d %s", (word, number, "x" * 400), None
-            )
-        )
+def _write(path: Path, name: str, count: int) -> None:
+    multiprocessing.current_process().name = name
+    with log.kept_in(path):
+        for number in range(count):
+            logging.getLogger("lfpipe").info("%s %d %s", name, number, "x" * 400)
 
 
-def test_log_session_file_is_bounded_and_loses_no_line(tmp_path: Path) -> None:
-    path = tmp_path / log.FILE
-    count = 1000
+def test_log_of_several_processes_is_bounded_and_in_order(tmp_path: Path) -> None:
+    count = 3000
     writers = [
-        multiprocessing.get_context("fork").Process(target=_write, args=(path, word, count))
-        for word in "abc"
+        multiprocessing.get_context("fork").Process(target=_write, args=(tmp_path, name, count))
+        for name in "abc"
     ]
     for writer in writers:
         writer.start()
     for writer in writers:
         writer.join(60)
     sizes = [entry.stat().st_size for entry in tmp_path.iterdir()]
-    assert len(sizes) == 2 and max(sizes) < 2 * log.MAX_BYTES, (
-        "others may write until the process that fills it has renamed it"
-    )
+    assert len(sizes) == 6 and max(sizes) <= log.MAX_BYTES
     lines = log.lines(tmp_path).decode().splitlines()
     assert all(line.endswith("x" * 400) for line in lines)
-    assert len(lines) == 3 * count, "the second file is not full: no line was dropped"
+    assert lines == sorted(lines, key=lambda line: line[: log.TIME_BYTES])
+    for name in "abc":
+        numbers = [int(line.split()[6]) for line in lines if f" lfpipe: {name} " in line]
+        assert numbers == list(range(numbers[0], count)), "no line of the newest is missing"
 
 
 def test_log_of_a_session_is_in_its_report(live: World, tmp_path: Path) -> None:
