@@ -182,8 +182,6 @@ class SessionOptions:
     pictures: str = ""
     packets: str = ""
     jpeg_views: str = ""
-    # FIFOs of other programs that a ring wakes, as RING.NAME
-    wakes: tuple[str, ...] = ()
     # the scene, if it is captured now
     live: LiveSource | None = None
     # what stages of other packages work on, by the name of the stage

@@ -16,7 +16,6 @@ from lfpipe.supervisor.process_table import NAMES, SHOWN_BY
 from lfpipe.supervisor.requests import Reply
 from lfpipe.supervisor.scene_loads import SceneLoads, ScenePreviews
 from lfpipe.supervisor.session_store import SessionStore
-from lfpipe.supervisor.wake_clients import WakeClients
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.control import BadMessage, Message
 
@@ -55,8 +54,7 @@ class ReplyExecutor:
         self._loads = SceneLoads(show, sockets.connections, packing)
         self._previews = ScenePreviews(show)
         self._checks = FileChecks(sockets.connections)
-        self._wakes = WakeClients(sockets.connections)
-        self.services = (self._loads, self._previews, self._checks, self._wakes)
+        self.services = (self._loads, self._previews, self._checks)
 
     def close(self) -> None:
         """Ends the child processes."""
@@ -127,8 +125,6 @@ class ReplyExecutor:
         before = self._store.state
         state = before if reply.state is None else reply.state
         self._store.apply(state)
-        if reply.wake:
-            self._wakes.add(reply.wake, request)
         if state.rev == before.rev:
             self.answer(request, answer)
         else:

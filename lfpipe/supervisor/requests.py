@@ -22,11 +22,10 @@ from lfpipe.errors import UserError
 from lfpipe.plugins import REQUESTS, guarded, load, plugins
 from lfpipe.scene.open_scene import PackerRequest
 from lfpipe.supervisor.file_checks import START, FileCheck
-from lfpipe.supervisor.process_table import SCORER, SHOWN_BY, STAGES, TRACKED_BY, rings
-from lfpipe.supervisor.session_state import SessionState, new_ring
+from lfpipe.supervisor.process_table import SCORER, SHOWN_BY, STAGES, TRACKED_BY
+from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.control import BadMessage, Message
-from lfpipe.transport.session import wake_file
 
 logger = logging.getLogger(__name__)
 # outputs that can start and stop while a session runs:
@@ -42,7 +41,6 @@ REMOTE_ACTIONS = ("record", "screenshot", "glasses", "calibrate")
 KEPT = ("section", "values", "depth", "focal_px")
 DEPTHS = ("yes", "no", "asked")  # saved values for the depth order of a scene
 LEASE_S, MAX_LEASE_S = 5.0, 60.0  # of the ring of pictures
-MAX_WAKES = 8  # of other programs: each costs the writer of its ring a system call per slot
 
 
 @attrs.frozen(kw_only=True)
@@ -60,8 +58,6 @@ class Reply:
     """Scenes to read for the page of scenes."""
     check: FileCheck | None = None
     """The real reply comes from `respond_checked`."""
-    wake: str = ""
-    """A FIFO of the state that ends with the client, as RING.NAME."""
     executed_by: tuple[str, ...] = ()
     """The stages that execute the command, and then answer."""
     sent: Message = attrs.field(factory=dict)
@@ -137,20 +133,6 @@ def _pictures(state: SessionState, message: Message, t_ns: int) -> Reply:
         raise UserError("the session shows no pictures", "start one that does: `lfpipe up SCENE`")
     new = state.with_pictures(t_ns + int(lease_s * SECOND_NS))
     return Reply(answer={"ring": new.options.pictures}, state=new)
-
-
-def _wake(state: SessionState, message: Message, _t_ns: int) -> Reply:
-    """Makes a FIFO that the writer of a ring wakes its client with."""
-    ring = message.get("ring")
-    known = (*rings(state.config, state.options), *state.options.asked_for)
-    if ring not in known:
-        raise UserError(f"wake: no ring {ring!r:.100}", f"use one of {', '.join(known)}")
-    if len(state.options.wakes) >= MAX_WAKES:
-        raise UserError(
-            f"{MAX_WAKES} programs are woken already", "end one of them, or poll the ring"
-        )
-    name = new_ring(str(ring))
-    return Reply(answer={"fifo": wake_file(name)}, state=state.with_wake(name), wake=name)
 
 
 def _load(state: SessionState, message: Message, _t_ns: int) -> Reply:
@@ -460,7 +442,6 @@ HANDLERS: dict[str, Handler] = {
     "load": _load,
     "previews": _previews,
     "pictures": _pictures,
-    "wake": _wake,
     "trace": _output,
     "record": _output,
     "viewer": _viewer,

@@ -216,14 +216,6 @@ class SessionState:
         """Without the ring of pictures."""
         return attrs.evolve(self.changed(pictures=""), pictures_until_ns=0)
 
-    def with_wake(self, name: str) -> SessionState:
-        """With the FIFO of another program; name: RING.NAME."""
-        return self.changed(wakes=(*self.options.wakes, name))
-
-    def without_wake(self, name: str) -> SessionState:
-        """Without that FIFO."""
-        return self.changed(wakes=tuple(one for one in self.options.wakes if one != name))
-
     def settled(self) -> SessionState:
         """With the current basis marked as known to work; same revision."""
         return attrs.evolve(self, known_good=self.basis)

@@ -10,11 +10,10 @@ from lfpipe.host import wake
 from lfpipe.host.segment import SHM_DIR, Segment
 from lfpipe.scene.pack import hold_pack
 from lfpipe.supervisor.process_table import LASTING, METRICS, consumers, rings
-from lfpipe.supervisor.rundir import filled
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport import control, ring, status
 from lfpipe.transport.ring import RingSpec
-from lfpipe.transport.session import Session, wake_file
+from lfpipe.transport.session import Session
 
 
 def _remove(memory: Segment) -> None:
@@ -37,7 +36,6 @@ class SessionStore:
         self._session = session
         self._unsent: bytes | None = None
         self._rings: dict[str, Segment] = {}
-        self._wakes: set[Path] = set()  # FIFOs of other programs
         self._pack = contextlib.ExitStack()
         with contextlib.ExitStack() as undo:
             self._status = status.create(session.segment("status"), METRICS, session.run_dir)
@@ -67,13 +65,6 @@ class SessionStore:
         message = control.encode(state.message()) if state.rev != self.state.rev else self._unsent
         needed = self._needed(state)
         self._make(needed)
-        wakes = {self._session.run_dir / wake_file(name) for name in state.options.wakes}
-        with filled(self._session):
-            for path in wakes - self._wakes:
-                wake.make(path)
-        for path in self._wakes - wakes:
-            path.unlink(missing_ok=True)
-        self._wakes = wakes
         if state.options.pack != self.state.options.pack:
             self._hold(state.options.pack)
         self.state = state

@@ -69,7 +69,6 @@ class Context:
     def output(self, name: str) -> RingOutput:
         """Opens a ring for writing; each ring has one writing stage."""
         ring_output = RingOutput(self.spec, name, self.table, self._wait_for, self.done)
-        ring_output.set_others(self.options.wakes)
         self._open.append(ring_output)
         return ring_output
 
@@ -236,9 +235,6 @@ class Context:
                 self.options = snapshot.options
                 self.paused = snapshot.paused
                 self._rev = snapshot.rev
-                for one in self._open:
-                    if isinstance(one, RingOutput):
-                        one.set_others(self.options.wakes)
                 logger.debug("has revision %d", self._rev)
             else:
                 self._commands.append((word, message))

@@ -18,7 +18,7 @@ import zmq
 
 from lfpipe.errors import UserError
 
-VERSION = 1
+VERSION = 2
 MAX_BYTES = 64 * 1024  # a playlist of hundreds of scenes fits
 MAX_DEPTH = 8  # the snapshot needs 4
 FILE_CHECK_TIMEOUT_S = 15.0  # for an answer to `trace` and `record`, whose paths are checked first

@@ -5,7 +5,6 @@ Credit: in lossless sessions, a reader reports in its status row how far it has 
 writer waits for it.
 """
 
-import contextlib
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -16,7 +15,7 @@ from lfpipe.config import Config, SessionOptions
 from lfpipe.config.modes import Lossless
 from lfpipe.host.wake import Wake
 from lfpipe.transport import ring, status
-from lfpipe.transport.session import Session, wake_file
+from lfpipe.transport.session import Session
 from lfpipe.transport.status import ENDED
 
 
@@ -149,8 +148,6 @@ class RingOutput:
     ) -> None:
         session = spec.session
         clock = spec.options.clock
-        self._name = name
-        self._run_dir = session.run_dir
         self._wait_for = wait_for
         self._done = done
         self._index = spec.ring_index(name)
@@ -161,7 +158,6 @@ class RingOutput:
             (Wake(session.wake(name, reader)), table.rows[reader]["state"].reshape(1).data)
             for reader in readers
         ]
-        self._others: dict[str, Wake] = {}  # of other programs
         self._lock_step = False
         self._rows: list[NDArray[Any]] = []
         self.credits: list[Wake] = []
@@ -171,15 +167,6 @@ class RingOutput:
             self._ahead = 0 if clock.lock_step else max(0, self.writer.slots - 4)
             self._rows = [table.rows[reader] for reader in readers]
             self.credits = [Wake(session.credit(name, reader)) for reader in readers]
-
-    def set_others(self, names: Sequence[str]) -> None:
-        """Also wakes other programs. names: of the session's FIFOs for them, as RING.NAME."""
-        own = {name for name in names if name.rpartition(".")[0] == self._name}
-        for name in self._others.keys() - own:
-            self._others.pop(name).close()
-        for name in own - self._others.keys():
-            with contextlib.suppress(FileNotFoundError):  # its program has ended meanwhile
-                self._others[name] = Wake(self._run_dir / wake_file(name))
 
     def begin(self) -> NDArray[Any]:
         """The slot to fill, in place."""
@@ -205,8 +192,6 @@ class RingOutput:
         for wake, state in self._wakes:
             if state[0] not in ENDED:
                 wake.notify(seq)
-        for wake in self._others.values():
-            wake.notify(seq)
         if self._lock_step:
             self._wait_for(self._all_taken, self.credits)
         return seq

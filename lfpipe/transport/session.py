@@ -62,11 +62,6 @@ def _check_name(name: str, setting: str) -> None:
         )
 
 
-def wake_file(name: str) -> str:
-    """The file of a FIFO, as RING.READER, in the run directory."""
-    return f"wake.{name}"
-
-
 @attrs.frozen
 class Session:
     """The names of one session."""
@@ -124,7 +119,7 @@ class Session:
 
     def wake(self, ring: str, reader: str) -> Path:
         """FIFO with which the writer of ring wakes reader."""
-        return self.run_dir / wake_file(f"{ring}.{reader}")
+        return self.run_dir / f"wake.{ring}.{reader}"
 
     def credit(self, ring: str, reader: str) -> Path:
         """FIFO with which reader reports to the writer of ring that it has read a slot, in lossless

@@ -67,5 +67,5 @@ fields = st.fixed_dictionaries(
     },
 )
 messages = st.builds(
-    lambda cmd, more: {"v": 1, **more, "cmd": cmd}, st.sampled_from(commands()) | values, fields
+    lambda cmd, more: {"v": 2, **more, "cmd": cmd}, st.sampled_from(commands()) | values, fields
 )

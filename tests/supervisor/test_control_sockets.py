@@ -29,9 +29,9 @@ def client(world: World, scene: Path) -> Iterator[zmq.Socket[bytes]]:
     process = world.shows(scene)
     with connected(world.session_dir) as socket:
         yield socket
-        assert answer_of(socket, {"v": 1, "cmd": "status"})["ok"]
+        assert answer_of(socket, {"v": 2, "cmd": "status"})["ok"]
         world.more_pictures(3)
-        assert answer_of(socket, {"v": 1, "cmd": "stop"})["ok"]
+        assert answer_of(socket, {"v": 2, "cmd": "stop"})["ok"]
     world.ended(process)
 
 
@@ -41,7 +41,7 @@ def send_telemetry_of_any_shape(world: World) -> None:
         for topic, shape in itertools.product(
             ("notice", "source", "parallax", "level", 5, None, ["notice"]), shapes
         ):
-            bus.send(msgpack.packb({"v": 1, "topic": topic, "notes": shape, "text": shape}))
+            bus.send(msgpack.packb({"v": 2, "topic": topic, "notes": shape, "text": shape}))
         bus.send_multipart([b"two", b"parts"])
         bus.send(b"\xc1garbage")
         bus.send(control.encode({"topic": "last"}))
@@ -51,7 +51,7 @@ def send_telemetry_of_any_shape(world: World) -> None:
 def test_control_sockets_answer_every_shape_of_request(
     client: zmq.Socket[bytes], world: World, tmp_path: Path, scene: Path
 ) -> None:
-    before = answer_of(client, {"v": 1, "cmd": "hello"})
+    before = answer_of(client, {"v": 2, "cmd": "hello"})
 
     @settings(max_examples=200, suppress_health_check=list(HealthCheck))
     @given(messages)
@@ -65,7 +65,7 @@ def test_control_sockets_answer_every_shape_of_request(
     client.send_multipart([b"stop", b"stop"])
     assert client.poll(60_000) and control.decode(client.recv())["ok"] is False
     assert (
-        answer_of(client, {"v": 1, "cmd": "status", "why": "x" * (control.MAX_BYTES + 1)})["ok"]
+        answer_of(client, {"v": 2, "cmd": "status", "why": "x" * (control.MAX_BYTES + 1)})["ok"]
         is False
     )
     for path in (
@@ -75,13 +75,13 @@ def test_control_sockets_answer_every_shape_of_request(
         "/dev/zero",
         "/proc/self/mem",
     ):
-        assert answer_of(client, {"v": 1, "cmd": "load", "scene": path})["ok"] is False
-    assert answer_of(client, {"v": 1, "cmd": "resume"})["ok"]
-    after = answer_of(client, {"v": 1, "cmd": "hello"})
+        assert answer_of(client, {"v": 2, "cmd": "load", "scene": path})["ok"] is False
+    assert answer_of(client, {"v": 2, "cmd": "resume"})["ok"]
+    after = answer_of(client, {"v": 2, "cmd": "hello"})
     assert {**after["config"], "render": 0} == {**before["config"], "render": 0}
     os.mkfifo(tmp_path / "view_00_00.png")
-    assert answer_of(client, {"v": 1, "cmd": "load", "scene": str(tmp_path)})["ok"] is False
-    assert answer_of(client, {"v": 1, "cmd": "load", "scene": str(scene)})["ok"] is True
+    assert answer_of(client, {"v": 2, "cmd": "load", "scene": str(tmp_path)})["ok"] is False
+    assert answer_of(client, {"v": 2, "cmd": "load", "scene": str(scene)})["ok"] is True
     send_telemetry_of_any_shape(world)
 
 
@@ -106,14 +106,14 @@ def test_control_sockets_in_a_flood_serve_other_clients(
     """Only a limited part of a flood is read per unit of time, from each client in turn."""
     with connected(world.session_dir) as flood, connected(world.session_dir) as stranger:
         # is not even read
-        stranger.send(msgpack.packb({"v": 1, "cmd": "stop", "why": "x" * (3 * control.MAX_BYTES)}))
+        stranger.send(msgpack.packb({"v": 2, "cmd": "stop", "why": "x" * (3 * control.MAX_BYTES)}))
         flood.set_hwm(100_000)
         message = control.encode({"cmd": "set", "set": {"render.alpha_px": 12.0}})
         for _ in range(20_000):
             flood.send(message)
         begin = time.monotonic()
         for _ in range(10):
-            assert answer_of(client, {"v": 1, "cmd": "status"})["ok"], "a flood shuts others out"
+            assert answer_of(client, {"v": 2, "cmd": "status"})["ok"], "a flood shuts others out"
         took_s = time.monotonic() - begin
         answered = 0
         while flood.poll(0):
@@ -164,7 +164,7 @@ def test_control_sockets_answer_after_ten_thousand_byte_strings(
             while not client.poll(1):
                 _serve_once(sockets)
             answer = control.decode(client.recv())
-    assert answer == {"v": 1, "cmd": "status", "id": 7, "rev": 5, "ok": True}
+    assert answer == {"v": 2, "cmd": "status", "id": 7, "rev": 5, "ok": True}
 
 
 IDS = [None, True, 7, -1, 2**64 - 1, 1.5, "", "é" * 32, b"", bytes(64), "\udcff"]
@@ -184,14 +184,14 @@ def test_answer_repeats_the_id_and_the_command_of_its_request(tmp_path: Path) ->
             return control.decode(client.recv())
 
         for one in IDS:
-            answer = answered({"v": 1, "cmd": "status", "id": one})
+            answer = answered({"v": 2, "cmd": "status", "id": one})
             assert answer["ok"] and answer["cmd"] == "status"
             assert answer["id"] == one and type(answer["id"]) is type(one)
-            refused = answered({"v": 2, "cmd": "status", "id": one})
+            refused = answered({"v": 1, "cmd": "status", "id": one})
             assert not refused["ok"] and refused["id"] == one
-        assert "id" not in answered({"v": 1, "cmd": "status"})
+        assert "id" not in answered({"v": 2, "cmd": "status"})
         for wrong in WRONG_IDS:
-            refused = answered({"v": 1, "cmd": "status", "id": wrong})
+            refused = answered({"v": 2, "cmd": "status", "id": wrong})
             assert "an id is" in refused["error"] and "id" not in refused
 
 

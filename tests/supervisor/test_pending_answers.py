@@ -32,12 +32,12 @@ def test_pending_answers_refuse_only_what_is_undone() -> None:
 def test_pending_answers_await_all_stages() -> None:
     pending = PendingAnswers()
     number = pending.await_stages(FIRST, ("render", "track"), 0)
-    message = {"v": 1, "cmd": "executed", "number": number, "ok": True, "path": "/x"}
+    message = {"v": 2, "cmd": "executed", "number": number, "ok": True, "path": "/x"}
     pending.executed("render", message)
     pending.executed("share", message)
     pending.executed("track", {**message, "number": number + 1})
     assert answers(pending, 0, EXECUTE_NS) == []
-    pending.executed("track", {"v": 1, "cmd": "executed", "number": number, "ok": True})
+    pending.executed("track", {"v": 2, "cmd": "executed", "number": number, "ok": True})
     assert (
         list(pending.due(bool, 1)) == [(FIRST, {"ok": True, "stages": {"render": {"path": "/x"}}})]
         and not pending

@@ -84,7 +84,7 @@ def mutated(message: Message, chance: random.Random) -> Message:
             place[key] = chance.choice([inner * 50, inner[1:], inner.upper(), [inner]])
         else:
             place[key] = copy.deepcopy(chance.choice(VALUES))
-    message.setdefault("v", 1)
+    message.setdefault("v", 2)
     return message
 
 

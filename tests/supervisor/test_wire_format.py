@@ -186,7 +186,7 @@ def test_wire_format_of_metrics(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_wire_format_of_answers(tmp_path: Path) -> None:
-    asked = Request(b"client", message={"v": 1, "cmd": "load", "id": 7})
+    asked = Request(b"client", message={"v": 2, "cmd": "load", "id": 7})
     answers: list[Any] = [{"ok": True, "applied": False}, reply_executor.INTERNAL]
     answers.append(reply_executor.REPLACED)
     sent: list[bytes] = []
@@ -218,6 +218,6 @@ def test_wire_format_of_a_session(world: World, scene: Path, tmp_path: Path) -> 
         answers.append(shape(answer_of(socket, stop)))
     assert json.dumps(of_core(answers)) == json.dumps([pair["answer"] for pair in pairs])
     (look,) = [one for one in contract("tap.json") if one["topic"] == "look"]
-    assert looked == shape({"v": 1, **look})
+    assert looked == shape({"v": 2, **look})
     assert_same("ctl --json", [shape(json.loads(text)) for text in printed])
     assert_same("monitor --json", shape(json.loads(metrics_json)))

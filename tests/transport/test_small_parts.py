@@ -252,13 +252,13 @@ def test_decode_refuses_hostile_sizes_depths_and_types() -> None:
         deep = [deep]
     for data in (
         b"\xdf\xff\xff\xff\xff",  # a map of 4 billion pairs
-        msgpack.packb({"v": 1, "x": "a" * control.MAX_BYTES}),
-        msgpack.packb({"v": 1, "x": deep}),
+        msgpack.packb({"v": 2, "x": "a" * control.MAX_BYTES}),
+        msgpack.packb({"v": 2, "x": deep}),
         b"\x91" * 50_000,
-        msgpack.packb({"v": 1, 5: "x"}),
-        msgpack.packb({"v": 1, "x": b"bytes"}),
-        msgpack.packb({"v": 1, "x": msgpack.ExtType(1, b"a")}),
-        msgpack.packb({"v": 2}),
+        msgpack.packb({"v": 2, 5: "x"}),
+        msgpack.packb({"v": 2, "x": b"bytes"}),
+        msgpack.packb({"v": 2, "x": msgpack.ExtType(1, b"a")}),
+        msgpack.packb({"v": 0}),
     ):
         with pytest.raises(control.BadMessage):
             control.decode(data)
