@@ -85,7 +85,7 @@ def lines(run_dir: Path) -> bytes:
     """The logs of all processes in a run directory, in the order of their times. Raises OSError."""
     text = b"".join(path.read_bytes() for path in sorted(run_dir.glob("*.log*"), reverse=True))
     records = re.split(rb"(?m)^(?=\d{4}-\d\d-\d\d )", text)  # one may have several lines
-    return b"".join(sorted(records, key=lambda record: record[:TIME_BYTES]))
+    return b"".join(sorted(records, key=lambda record: bytes(record)[:TIME_BYTES]))
 
 
 def last_file() -> Path:

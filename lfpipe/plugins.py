@@ -14,6 +14,8 @@ lfpipe.commands   an `AddedCommand` or `AddedOption` of `lfpipe.cli.plugged`; it
 lfpipe.stages     a `lfpipe.supervisor.stage_row.Stage`: a row of the process table
 lfpipe.requests   a module or object with the methods of `lfpipe.supervisor.requests.RequestPlugin`;
                   the name is that of the control command
+lfpipe.painters   a function of `render.device` and a thread that returns a
+                  `lfpipe.render.synthesis.painter.Painters`, or None, and what draws
 
 Code of other packages runs only in this module: whatever it raises becomes a PluginError.
 """
@@ -35,7 +37,7 @@ from lfpipe.errors import UserError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-LAYOUTS, ENGINES, FILTERS, DISPLAYS, SOURCES, COMMANDS, STAGES, REQUESTS = GROUPS = (
+LAYOUTS, ENGINES, FILTERS, DISPLAYS, SOURCES, COMMANDS, STAGES, REQUESTS, PAINTERS = GROUPS = (
     "lfpipe.layouts",
     "lfpipe.engines",
     "lfpipe.filters",
@@ -44,6 +46,7 @@ LAYOUTS, ENGINES, FILTERS, DISPLAYS, SOURCES, COMMANDS, STAGES, REQUESTS = GROUP
     "lfpipe.commands",
     "lfpipe.stages",
     "lfpipe.requests",
+    "lfpipe.painters",
 )
 log = logging.getLogger(__name__)
 AND = " and "  # between packages that offer a plug-in of one name

@@ -42,6 +42,7 @@ from lfpipe.plugins import (
     FILTERS,
     GROUPS,
     LAYOUTS,
+    PAINTERS,
     REQUESTS,
     SOURCES,
     STAGES,
@@ -51,7 +52,7 @@ from lfpipe.plugins import (
 )
 from lfpipe.render.display.open_display import BUILT_IN as DISPLAY_NAMES
 from lfpipe.render.display.open_display import has_display
-from lfpipe.render.synthesis.gpu import open_gpu
+from lfpipe.render.synthesis.painter import open_painters
 from lfpipe.scene.cache import prepare_cache
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts import RESULTS, built_in
@@ -100,6 +101,7 @@ BUILT_IN: dict[str, Callable[[], Collection[str]]] = {  # names that no plug-in 
     SOURCES: lambda: KINDS,
     COMMANDS: tuple,  # built-in commands have precedence
     STAGES: tuple,
+    PAINTERS: tuple,
     REQUESTS: lambda: HANDLERS,
 }
 
@@ -216,7 +218,7 @@ def gpu() -> Check:
     except UserError:  # which `settings` shows
         asked = "auto"
     with ThreadPoolExecutor(1) as thread:
-        opened, words = open_gpu(asked, thread)
+        opened, words = open_painters(asked, thread)
     if opened is None and has_gpu() and not find_spec("moderngl"):
         remedy = install_command("moderngl")
     return Check("drawing", True, words, remedy)

@@ -58,7 +58,7 @@ from lfpipe.render.live_input import LiveInput
 from lfpipe.render.presentation import Listener
 from lfpipe.render.presenter import Presenter
 from lfpipe.render.synthesis.costs import measure_costs
-from lfpipe.render.synthesis.gpu import Gpu, open_gpu
+from lfpipe.render.synthesis.painter import Painters, open_painters
 from lfpipe.render.ui.actions import ACTIONS
 from lfpipe.render.ui.controller import Ui
 from lfpipe.render.viewer.mouse_look import MouseLook
@@ -204,13 +204,13 @@ class RenderStage:
             preparer=self._preparer,
         )
 
-    def _open_gpu(self) -> Gpu | None:
+    def _open_gpu(self) -> Painters | None:
         """The GPU, by the configuration; a replay has one only if asked to, because its pictures
         are compared.
         """
         asked = self._config.render.device
         thread = ThreadPoolExecutor(1, "gpu", run_on, (self._context.cores,))
-        gpu, words = open_gpu("cpu" if self._lossless and asked == "auto" else asked, thread)
+        gpu, words = open_painters("cpu" if self._lossless and asked == "auto" else asked, thread)
         logger.info("drawing by the %s", words)
         if asked == "gpu" and gpu is None:
             self._context.notify(f"render.device gpu: pictures are drawn by the {words}")

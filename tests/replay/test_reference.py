@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from lfpipe.replays.report import Line, pair, read_trace
+from tests.support.extras import with_extras
 from tests.support.world import World
 
 ROOT = Path(__file__).parents[2]
@@ -176,6 +177,7 @@ def test_a_constant_changed_by_a_hair_is_caught_and_named(
         assert kinds == {"reference.png", "now.png", "difference.png"} and "PSNR" in first
 
 
+@with_extras
 @pytest.mark.live
 def test_who_draws_changes_pictures_alone_and_a_lost_gpu_is_said(
     world: World, short: Path, blocks: Path
@@ -184,7 +186,7 @@ def test_who_draws_changes_pictures_alone_and_a_lost_gpu_is_said(
     runs = {}
     lost = _changed(
         world.root,
-        "render/synthesis/gpu.py",
+        "extras/gpu/painter.py",
         'self._gpu.context.error != "GL_NO_ERROR"',
         "vars(self).update(n=vars(self).get('n', 0) + 1) or self.n > 30",  # pictures
     )

@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 from lfpipe.config import Config, Render
 from lfpipe.config.quality import WARPS
 from lfpipe.errors import UserError
+from lfpipe.extras.gpu.shader import mixture, source
 from lfpipe.files.output import write_output
 from lfpipe.render.synthesis.cameras import Cameras
 from lfpipe.render.synthesis.compositor import ViewRenderer, method_for, recipe_for
 from lfpipe.render.synthesis.scene_views import SceneViews, reduced
-from lfpipe.render.synthesis.shader import mixture, source
 from lfpipe.render.synthesis.viewpoint import COL_FADE, ROW_FADE
 from lfpipe.render.synthesis.warper import ZERO, Levels
 from lfpipe.render.synthesis.zero_plane import zero_plane_px

@@ -23,8 +23,7 @@ from lfpipe.render.synthesis.anaglyph import (
 )
 from lfpipe.render.synthesis.blocks import unaligned_array
 from lfpipe.render.synthesis.engine import Synthesiser
-from lfpipe.render.synthesis.gpu import Gpu, GpuLost, ShaderPainter
-from lfpipe.render.synthesis.painter import Painter, PlanePainter
+from lfpipe.render.synthesis.painter import Painter, PainterLost, Painters, PlanePainter
 from lfpipe.render.synthesis.pair_layout import Pair, arrange_stereo_pair
 from lfpipe.render.synthesis.scene_views import SceneViews
 from lfpipe.render.synthesis.viewpoint import Position, extrapolation_views
@@ -105,7 +104,7 @@ class Compositor:
         helpers: Executor | None = None,
         threads: int = 1,
         size_px: tuple[int, int] | None = None,
-        gpu: Gpu | None = None,
+        gpu: Painters | None = None,
     ) -> None:
         self.method = method_for(field, render.method)
         render = settings_for_scene(field, self.method, render)
@@ -128,11 +127,11 @@ class Compositor:
         self._last = (field.rows - 1, field.cols - 1)
         self._take_depth()
 
-    def _make_painter(self, gpu: Gpu | None) -> Painter:
-        """The GPU's if there is one and its shader draws the method, else the processor's."""
+    def _make_painter(self, gpu: Painters | None) -> Painter:
+        """The GPU's if there is one and it draws the method, else the processor's."""
         if gpu is not None and self.method in WARPS:
-            with contextlib.suppress(GpuLost):
-                return ShaderPainter(gpu, self._views, self.method, recipe_for(self._render))
+            with contextlib.suppress(PainterLost):
+                return gpu.painter(self._views, self.method, recipe_for(self._render))
         return self._make_plane_painter()
 
     @property
@@ -213,7 +212,7 @@ class Compositor:
     ) -> None:
         try:
             self._painter.paint(frame, eyes, self._zero_px, out, alone)
-        except GpuLost:
+        except PainterLost:
             self._painter = self._make_plane_painter()
             self._painter.paint(frame, eyes, self._zero_px, out, alone)
 

@@ -12,7 +12,7 @@ from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.config.tree import Method
 from lfpipe.files.decoding import fit_area
 from lfpipe.render.synthesis.compositor import Compositor
-from lfpipe.render.synthesis.gpu import Gpu
+from lfpipe.render.synthesis.painter import Painters
 from lfpipe.scene.lightfield import LightField
 
 # (width, height) of the measured pictures, at most: a few ms each; time grows with the pixels
@@ -22,7 +22,9 @@ COLUMNS = ((0.1, 0.9), (0.4, 0.6), (0.2, 0.7), (0.3, 0.8), (0.1, 0.6))
 BUILT = 2
 
 
-def measure_costs(field: LightField, render: Render, gpu: Gpu | None = None) -> Mapping[str, float]:
+def measure_costs(
+    field: LightField, render: Render, gpu: Painters | None = None
+) -> Mapping[str, float]:
     """CPU time of the calling thread for each drawn pixel by method, ns: the least of a few
     pictures between the middle views. What a GPU draws takes it little time.
     """

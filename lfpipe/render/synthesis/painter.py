@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config.quality import WARPS
+from lfpipe.errors import UserError
+from lfpipe.plugins import PAINTERS, load, plugins
 from lfpipe.render.synthesis.anaglyph import Mixer, Recipe
 from lfpipe.render.synthesis.blocks import split_rows
 from lfpipe.render.synthesis.engine import Synthesiser
@@ -33,6 +35,33 @@ class Painter(Protocol):
 
     def reset(self) -> None:
         """Takes the views and disparities of the scene anew, which were replaced."""
+
+
+class PainterLost(Exception):
+    """A painter can paint no longer."""
+
+
+class Painters(Protocol):
+    """Makes painters for the methods that warp, in place of the processor's."""
+
+    failure: str
+    """Why they paint no longer; "" while they do."""
+
+    def painter(self, views: SceneViews, method: str, mix: Recipe) -> Painter:
+        """A painter. It, and its `paint`, raise PainterLost."""
+
+
+def open_painters(asked: str, thread: Executor) -> tuple[Painters | None, str]:
+    """The painters for `render.device` = asked that an entry point of `lfpipe.painters` offers, or
+    None, and what draws, for people. thread: of their own.
+    """
+    try:
+        for name in plugins(PAINTERS) if asked != "cpu" else ():
+            opened: tuple[Painters | None, str] = load(PAINTERS, name, ())(asked, thread)
+            return opened
+    except UserError as error:
+        return None, f"CPU: {error.message}"
+    return None, "CPU"
 
 
 class PlanePainter:

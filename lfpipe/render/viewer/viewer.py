@@ -26,7 +26,7 @@ from lfpipe.eyes import (
 )
 from lfpipe.files.decoding import fit_area
 from lfpipe.render.synthesis.compositor import Compositor
-from lfpipe.render.synthesis.gpu import Gpu
+from lfpipe.render.synthesis.painter import Painters
 from lfpipe.render.synthesis.viewpoint import Place, Position, ViewSolver
 from lfpipe.render.viewer.geometry import Parallax, alpha_is_automatic, parallax
 from lfpipe.render.viewer.presence import (
@@ -69,7 +69,7 @@ class Canvas:
     """Threads on other cores, for parts of a large picture."""
     cores: int = 1
     """That may draw a picture."""
-    gpu: Gpu | None = None
+    gpu: Painters | None = None
     """Draws warped pictures in their place."""
     preparer: Executor | None = None
     """A thread that prepares pictures of another size or quality; None: they are prepared when they

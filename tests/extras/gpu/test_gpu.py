@@ -17,9 +17,10 @@ import pytest
 import lfpipe
 from lfpipe.config import Render
 from lfpipe.config.tree import Anaglyph, Method
-from lfpipe.render.synthesis import gpu as subject
+from lfpipe.extras.gpu import painter as subject
+from lfpipe.extras.gpu.painter import Gpu, open_gpu
 from lfpipe.render.synthesis.compositor import Compositor
-from lfpipe.render.synthesis.gpu import Gpu, open_gpu
+from lfpipe.render.synthesis.painter import open_painters
 from lfpipe.render.synthesis.viewpoint import Position
 from lfpipe.scene.lightfield import UNKNOWN, LightField
 from tests.render import rendered
@@ -199,9 +200,9 @@ def test_auto_takes_no_renderer_in_software(
 def test_without_gpu_or_library_the_processor_draws_and_says_why(
     thread: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert open_gpu("cpu", thread) == (None, "CPU")
+    assert open_painters("cpu", thread) == (None, "CPU")
     monkeypatch.setitem(sys.modules, "moderngl", None)
-    assert open_gpu("gpu", thread) == (None, "CPU: the extra gpu is not installed")
+    assert open_painters("gpu", thread) == (None, "CPU: the extra gpu is not installed")
 
 
 @pytest.mark.soak  # packs every scene

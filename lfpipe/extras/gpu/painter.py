@@ -1,5 +1,5 @@
 """Pictures drawn by a GPU through OpenGL, without a window: any display shows them. Needs the extra
-`gpu`.
+`gpu`. An entry point of `lfpipe.painters`.
 
 Views near the eyes are uploaded when first drawn and kept while they fit. The GPU's thread alone
 uses its context; others wait for its pictures.
@@ -18,12 +18,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.extras.gpu.shader import disparity_texels, mixture, source
 from lfpipe.host.machine import has_gpu
 from lfpipe.render.synthesis.anaglyph import Recipe
 from lfpipe.render.synthesis.blocks import size_of
 from lfpipe.render.synthesis.cameras import Cameras
+from lfpipe.render.synthesis.painter import PainterLost
 from lfpipe.render.synthesis.scene_views import SceneViews
-from lfpipe.render.synthesis.shader import disparity_texels, mixture, source
 from lfpipe.render.synthesis.viewpoint import Position
 from lfpipe.render.synthesis.warper import LEVELS
 
@@ -43,15 +44,11 @@ void main() {
 """
 
 
-class GpuLost(Exception):
-    """The GPU draws no longer."""
-
-
 class Gpu:
-    """An OpenGL context and the program that draws. thread: of its own."""
+    """`Painters`: an OpenGL context and the program that draws. thread: of its own."""
 
     def __init__(self, thread: Executor) -> None:
-        """Raises ImportError without the extra, and GpuLost if there is no context."""
+        """Raises ImportError without the extra, and PainterLost if there is no context."""
         import moderngl
 
         self._thread = thread
@@ -76,16 +73,20 @@ class Gpu:
         self.quad = self.context.vertex_array(self.program, [])
         return str(self.context.info["GL_RENDERER"])
 
+    def painter(self, views: SceneViews, method: str, mix: Recipe) -> "ShaderPainter":
+        """See `Painters`."""
+        return ShaderPainter(self, views, method, mix)
+
     def run(self, work: Callable[..., T], *arguments: Any) -> T:
-        """Does work in the GPU's thread. Raises GpuLost."""
+        """Does work in the GPU's thread. Raises PainterLost."""
         if self.failure:
-            raise GpuLost(self.failure)
+            raise PainterLost(self.failure)
         try:
             return self._thread.submit(work, *arguments).result()
-        except (self._errors, GpuLost) as error:
+        except (self._errors, PainterLost) as error:
             self.failure = str(error).strip().partition("\n")[0] or "its context was lost"
             logger.exception("the GPU draws no longer")
-            raise GpuLost(self.failure) from None
+            raise PainterLost(self.failure) from None
 
 
 def open_gpu(asked: str, thread: Executor) -> tuple[Gpu | None, str]:
@@ -99,7 +100,7 @@ def open_gpu(asked: str, thread: Executor) -> tuple[Gpu | None, str]:
         gpu = Gpu(thread)
     except ImportError:
         return None, "CPU: the extra gpu is not installed"
-    except GpuLost as error:
+    except PainterLost as error:
         return None, f"CPU: no OpenGL 3.3 ({error})"
     if asked == "auto" and SOFTWARE.search(gpu.name):
         gpu.run(gpu.context.release)
@@ -121,7 +122,7 @@ class ShaderPainter:
     """Draws warped pictures with the shader: a `Painter`."""
 
     def __init__(self, gpu: Gpu, views: SceneViews, method: str, mix: Recipe) -> None:
-        """Raises GpuLost."""
+        """Raises PainterLost."""
         self._gpu = gpu
         self._views = views
         self._method = method
@@ -160,7 +161,7 @@ class ShaderPainter:
         out: NDArray[np.uint8],
         alone: bool = False,
     ) -> None:
-        """See `Painter`. Raises GpuLost."""
+        """See `Painter`. Raises PainterLost."""
         self._gpu.run(self._draw, frame, eyes, zero_px)
         cv2.cvtColor(self._pixels, cv2.COLOR_RGBA2BGR, dst=out)
 
@@ -195,7 +196,7 @@ class ShaderPainter:
         textures.target.read_into(self._pixels, components=4, alignment=1)
         # commands of a lost context have no effect, and report none
         if self._pixels[0, 0, 3] == 0 or self._gpu.context.error != "GL_NO_ERROR":
-            raise GpuLost("its context was lost")
+            raise PainterLost("its context was lost")
 
     def _layer(self, frame: int, row: int, col: int) -> int:
         """The layer of a view, uploaded if it is not there, in place of the one unused longest."""
