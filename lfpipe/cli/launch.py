@@ -26,7 +26,7 @@ from lfpipe.transport.session import Session, default_name
 
 if TYPE_CHECKING:
     from lfpipe.scene.open_scene import Packing
-    from lfpipe.supervisor.effects import Outcome
+    from lfpipe.supervisor.session import Outcome
 
 PREPARER = "lfpipe.cli.prepare"  # the child's module
 # (runs the first session, runs another one) -> exit code; each returns the exit code of a session
@@ -153,7 +153,7 @@ def _run(session: Session, prepared: Prepared) -> int:
 
     Raises UserError if the user can fix what ended it.
     """
-    from lfpipe.supervisor.supervisor import run_session
+    from lfpipe.supervisor.session import run_session
 
     plan, packing, resources = prepared
     with resources:

@@ -42,7 +42,7 @@ from lfpipe.sequence.folder import (
 )
 from lfpipe.sequence.packets import encoded
 from lfpipe.sequence.views import Known, open_views
-from lfpipe.supervisor.supervisor import run_session
+from lfpipe.supervisor.session import run_session
 from lfpipe.transport.session import Session
 
 MAX_ERRORS = 5  # listed per sequence: a damaged disk gives one per frame

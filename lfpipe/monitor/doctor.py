@@ -58,7 +58,7 @@ from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts import RESULTS, built_in
 from lfpipe.supervisor import rundir
 from lfpipe.supervisor.requests import HANDLERS
-from lfpipe.supervisor.supervisor import try_session
+from lfpipe.supervisor.session import try_session
 from lfpipe.track import models
 from lfpipe.transport.session import Session
 

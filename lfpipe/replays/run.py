@@ -229,8 +229,7 @@ def replay(
     meet in one order. Raises UserError for a user error, ReplayFailed if a stage fails,
     signals.Interrupted.
     """
-    from lfpipe.supervisor.effects import EndKind
-    from lfpipe.supervisor.supervisor import run_session
+    from lfpipe.supervisor.session import EndKind, run_session
     from lfpipe.transport.session import Session
 
     steady = pace in STEADY

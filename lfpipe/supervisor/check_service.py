@@ -2,18 +2,14 @@
 
 import logging
 from collections import deque
-from collections.abc import Callable, Collection, Iterator
-from functools import partial
+from collections.abc import Callable, Collection
 
 import attrs
 
 from lfpipe.errors import UserError
 from lfpipe.host.worker import Worker
 from lfpipe.supervisor.control_sockets import Request
-from lfpipe.supervisor.effects import Effect, Respond, Service
 from lfpipe.supervisor.file_checks import FileCheck
-from lfpipe.supervisor.requests import Reply, respond_checked
-from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.control import Message
 
 logger = logging.getLogger(__name__)
@@ -29,10 +25,8 @@ class CheckEvent:
     """The result of the child, or its error."""
 
 
-class FileChecks(Service):
+class FileChecks:
     """The running checks, at most one per command. connections: returns the open ones."""
-
-    guarded = True
 
     def __init__(self, connections: Callable[[], Collection[int]]) -> None:
         self._connections = connections
@@ -58,10 +52,6 @@ class FileChecks(Service):
     def fds(self) -> list[int]:
         """Descriptors that wake the supervisor."""
         return [fd for _, worker in self._running.values() for fd in worker.fds]
-
-    def update(self, state: SessionState, t_ns: int) -> Iterator[Effect]:
-        for event in self.events():
-            yield Respond(event.request, partial(_reply, event=event, t_ns=t_ns))
 
     def events(self) -> list[CheckEvent]:
         """Reads the children's output; returns the finished checks. A check whose client has
@@ -99,9 +89,3 @@ def _ended(request: Request, worker: Worker) -> CheckEvent:
         return CheckEvent(request, worker.result())
     except UserError as error:
         return CheckEvent(request, error)
-
-
-def _reply(state: SessionState, event: CheckEvent, t_ns: int) -> Reply:
-    if isinstance(event.result, Exception):
-        raise event.result
-    return respond_checked(state, event.request.message, event.result, t_ns)

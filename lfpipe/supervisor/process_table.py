@@ -14,10 +14,10 @@ from lfpipe.eyes import EYES, SHOWN
 from lfpipe.plugins import STAGES as PLUGGED
 from lfpipe.plugins import declared
 from lfpipe.render.metrics import METRICS as RENDER_METRICS
-from lfpipe.supervisor.stage_row import Stage as Stage
 from lfpipe.track.metrics import METRICS as TRACK_METRICS
 from lfpipe.transport.packet_ring import packet_dtype
 from lfpipe.transport.ring import RingSpec
+from lfpipe.transport.ring_io import Stage as Stage
 
 
 def _feeds(options: SessionOptions) -> bool:

@@ -3,8 +3,7 @@ scene, one for the previews on the page of scenes.
 """
 
 import logging
-from collections.abc import Callable, Collection, Iterator, Sequence
-from functools import partial
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +12,6 @@ import attrs
 from lfpipe.config import Scene, SceneSummary
 from lfpipe.scene.open_scene import PackerRequest, Packing
 from lfpipe.supervisor.control_sockets import Request
-from lfpipe.supervisor.effects import Change, Effect, Respond, Service
-from lfpipe.supervisor.requests import Reply, on_complete, on_load
-from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.control import Message
 
@@ -76,12 +72,10 @@ class _Load:
         return SceneEvent(self.request, views, scenes) if self.request and views else None
 
 
-class SceneLoads(Service):
+class SceneLoads:
     """The packers of both scenes. send: for their progress, a few times a second. connections:
     returns the open ones.
     """
-
-    guarded = True
 
     def __init__(
         self,
@@ -105,17 +99,6 @@ class SceneLoads(Service):
     def fds(self) -> list[int]:
         """Descriptors that wake the supervisor."""
         return [fd for load in self._loads.values() for fd in load.packing.fds]
-
-    def update(self, state: SessionState, t_ns: int) -> Iterator[Effect]:
-        for event in self.events():
-            if event.request is not None:
-                yield Respond(
-                    event.request, partial(_reply, event=event, message=event.request.message)
-                )
-            elif isinstance(event.scene, Exception):
-                logger.info("refused: %s", event.scene)
-            else:
-                yield Change(partial(on_complete, scene=event.scene))
 
     def events(self) -> list[SceneEvent]:
         """Reads the packers' output; returns the events. Ends the load of a client that has
@@ -158,12 +141,6 @@ class SceneLoads(Service):
             self._end(name)
 
 
-def _reply(state: SessionState, event: SceneEvent, message: Message) -> Reply:
-    if isinstance(event.scene, Exception):
-        raise event.scene
-    return on_load(state, message, event.scene, event.scenes)
-
-
 class _PreviewReader(Packing):
     """The packer that reads previews. request: the scenes that are not read yet."""
 
@@ -179,10 +156,8 @@ class _PreviewReader(Packing):
             self._send({"cmd": "preview", "scene": step["preview"], "data": step["data"]})
 
 
-class ScenePreviews(Service):
+class ScenePreviews:
     """Small pictures of the scenes on one page of the window. send: for each, "" for none."""
-
-    guarded = True
 
     def __init__(self, send: Send) -> None:
         self._send = send
@@ -198,10 +173,6 @@ class ScenePreviews(Service):
     def fds(self) -> Sequence[int]:
         """Descriptors that wake the supervisor."""
         return () if self._reader is None else self._reader.fds
-
-    def update(self, state: SessionState, t_ns: int) -> Iterator[Effect]:
-        self.read()
-        return iter(())
 
     def read(self) -> None:
         """Passes on the previews; continues with the next scene if one has crashed the child."""

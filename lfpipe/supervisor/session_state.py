@@ -1,11 +1,16 @@
 """The state of a session: one frozen value. Every change is a pure function from one state to the
-next.
+next. `Trial` decides whether a change has worked; `SessionStore` keeps the newest state with the
+shared memory that it needs, which only the supervisor creates and removes.
 """
 
 from __future__ import annotations
 
+import contextlib
+import gc
+import os
 import secrets
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from pathlib import Path
 from typing import Any, Literal
 
 import attrs
@@ -22,17 +27,31 @@ from lfpipe.config import (
 )
 from lfpipe.config.modes import Lossless, Viewer, watching
 from lfpipe.config.quality import first_level, quality_levels
+from lfpipe.host import wake
+from lfpipe.host.segment import SHM_DIR, Segment
 from lfpipe.live.records import live_rings
+from lfpipe.scene.pack import hold_pack
+from lfpipe.supervisor.child import EXIT_TERMINATED
 from lfpipe.supervisor.process_table import (
+    LASTING,
+    METRICS,
     ON_DEMAND,
     asked_for,
+    consumers,
     frame_ring,
     packet_ring,
     picture_ring,
+    rings,
     written,
 )
+from lfpipe.transport import control, ring, status
+from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.control import Message
 from lfpipe.transport.ring import RingSpec
+from lfpipe.transport.session import Session
+
+# counted after all stages have applied a change; a stage that cannot use it fails sooner
+TRIAL_NS = 2 * SECOND_NS
 
 
 def new_ring(kind: str) -> str:
@@ -246,3 +265,142 @@ class SessionState:
             if (jpeg and bool(options.record)) != bool(getattr(options, name))
         }
         return self._with(**changes) if changes else self
+
+
+class Trial:
+    """Checks whether the stages can use the newest change."""
+
+    def __init__(self) -> None:
+        self._since_ns: int | None = None
+        self._outputs: dict[str, int] = {}
+
+    def watch(
+        self, state: SessionState, applied: bool, outputs: Mapping[str, int], t_ns: int
+    ) -> bool:
+        """Whether a change is confirmed: every stage has used it and produced outputs for TRIAL_NS.
+        Call often.
+
+        outputs: number of outputs of each stage so far.
+        """
+        if state.basis == state.known_good or not applied:
+            self._since_ns = None
+        elif self._since_ns is None:
+            self._since_ns = t_ns
+            self._outputs = dict(outputs)
+        elif t_ns - self._since_ns >= TRIAL_NS and all(
+            n > self._outputs.get(name, 0) for name, n in outputs.items()
+        ):
+            self._since_ns = None
+            return True
+        return False
+
+    def to_blame(self, state: SessionState, code: int, applied: bool) -> bool:
+        """Whether a stage that ended with code most likely failed because of the newest change.
+
+        applied: the stage had acknowledged the change; after that, only its own error counts.
+        """
+        own_error = code > 0 and code != EXIT_TERMINATED
+        if state.basis == state.known_good or (applied and not own_error):
+            return False
+        self._since_ns = None
+        return True
+
+
+def _remove(memory: Segment) -> None:
+    with contextlib.suppress(FileNotFoundError):
+        memory.unlink()
+    memory.close()
+
+
+class SessionStore:
+    """Stores the state of a session. The pack of the state is held, so that `lfpipe scene clean`
+    does not remove it while the stage that shows it restarts.
+
+    state: the current state; its rings exist, with the FIFOs that wake their readers. table: the
+    status table; drop all references to its rows before `close`. Raises UserError if memory is
+    short, OSError if no FIFO can be created, and then leaves nothing behind.
+    """
+
+    def __init__(self, session: Session, state: SessionState) -> None:
+        self.state = state
+        self._session = session
+        self._unsent: bytes | None = None
+        self._rings: dict[str, Segment] = {}
+        self._pack = contextlib.ExitStack()
+        with contextlib.ExitStack() as undo:
+            self._status = status.create(session.segment("status"), METRICS, session.run_dir)
+            undo.callback(_remove, self._status)
+            undo.callback(self._keep, ())
+            undo.callback(self._pack.close)
+            self._hold(state.options.pack)
+            self._make(self._needed(state))
+            for name, readers in consumers().items():
+                for reader in readers:
+                    wake.make(session.wake(name, reader))
+                    wake.make(session.credit(name, reader))
+            self.table = status.Table(session.segment("status"), writable=True)
+            self._memory = undo.pop_all()
+
+    def removed(self) -> str:
+        """The file of a segment that another program has removed; "" if all are in place."""
+        memory = (self._status, *self._rings.values())
+        return next((str(SHM_DIR / one.name) for one in memory if not one.in_place()), "")
+
+    def apply(self, state: SessionState) -> None:
+        """Stores a state; `take_message` returns a new revision for the stages.
+
+        Raises UserError if memory is short, BadMessage if the stages could not read it; then
+        nothing has changed.
+        """
+        message = control.encode(state.message()) if state.rev != self.state.rev else self._unsent
+        needed = self._needed(state)
+        self._make(needed)
+        if state.options.pack != self.state.options.pack:
+            self._hold(state.options.pack)
+        self.state = state
+        self._unsent = message
+        self._keep({*needed, *LASTING})
+
+    @staticmethod
+    def _needed(state: SessionState) -> dict[str, RingSpec]:
+        return rings(state.config, state.options) | state.rings()
+
+    def _hold(self, pack: str) -> None:
+        """Holds another pack, or none (""); a pack that cannot be held fails when it is shown."""
+        self._pack.close()
+        with contextlib.suppress(OSError, ValueError):
+            if pack:
+                self._pack.callback(os.close, hold_pack(Path(pack)))
+
+    def _make(self, specs: Mapping[str, RingSpec]) -> None:
+        """Creates rings that do not exist yet: all, or none and a UserError if memory is short."""
+        before = set(self._rings)
+        try:
+            for name in specs.keys() - before:
+                self._rings[name] = ring.create(
+                    self._session.segment(name), specs[name], self._session.run_dir
+                )
+        except BaseException:
+            self._keep(before)
+            raise
+
+    def _keep(self, names: Collection[str]) -> None:
+        """Removes the other rings; existing mappings stay valid."""
+        for name in self._rings.keys() - names:
+            _remove(self._rings.pop(name))
+
+    def take_message(self) -> bytes | None:
+        """The newest state as a message for every stage, once; None if already sent. Of several
+        changes, only the last is sent.
+        """
+        message = self._unsent
+        self._unsent = None
+        return message
+
+    def close(self) -> None:
+        """Unlinks every segment; the FIFOs are removed with the run directory."""
+        gc.collect()
+        # An exception that ends the session still references rows; its mapping ends with it.
+        with contextlib.suppress(BufferError):
+            self.table.close()
+        self._memory.close()

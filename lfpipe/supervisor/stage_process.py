@@ -249,7 +249,7 @@ class StageProcesses:
         return iter(self._all.values())
 
     @property
-    def ended_fds(self) -> list[int]:
+    def fds(self) -> list[int]:
         """Descriptors that wake the supervisor when a stage ends."""
         return [one.process.ended_fd for one in self if one.process is not None]
 

@@ -1,4 +1,4 @@
-"""The input of a stage at its start, and its ends of rings: wake-ups, the count of missed slots,
+"""A stage, its input at its start, and its ends of rings: wake-ups, the count of missed slots,
 and credit in lossless sessions.
 
 Credit: in lossless sessions, a reader reports in its status row how far it has read a ring, and the
@@ -15,8 +15,38 @@ from lfpipe.config import Config, SessionOptions
 from lfpipe.config.modes import Lossless
 from lfpipe.host.wake import Wake
 from lfpipe.transport import ring, status
+from lfpipe.transport.metrics import NO_METRICS, MetricSet
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import ENDED
+
+
+@attrs.frozen(kw_only=True)
+class Stage:
+    """A row of the process table, also for the entry points of the group `lfpipe.stages`."""
+
+    name: str
+    module: str
+    """Contains `main(context)`."""
+    needed: Callable[[SessionOptions], bool]
+    """Whether a session with these options runs it."""
+    reads: tuple[str, ...] = ()
+    """Rings."""
+    writes: tuple[str, ...] = ()
+    """Rings."""
+    asks_for: Callable[[SessionOptions], tuple[str, ...]] = lambda _: ()
+    """The on-demand rings that it reads and needs with these options."""
+    metrics: MetricSet = NO_METRICS
+    """Declared in its own package."""
+    optional: bool = False
+    """Whether few sessions run it, and no picture waits for it."""
+    of_viewer: bool = False
+    """Whether it starts again for another viewer."""
+    own_core: bool = False
+    """Whether it avoids the first of two cores."""
+    startup_timeout_s: float = 15.0
+    """From spawn to READY, or to open another scene or camera."""
+    hang_timeout_s: float = 2.0
+    """Longest time without a heartbeat after that."""
 
 
 @attrs.frozen(kw_only=True)

@@ -70,7 +70,7 @@ import os, sys
 from lfpipe import config
 from lfpipe.supervisor import rundir
 from lfpipe.supervisor.session_state import SessionState
-from lfpipe.supervisor.session_store import SessionStore
+from lfpipe.supervisor.session_state import SessionStore
 from lfpipe.host import segment
 from lfpipe.transport.session import Session
 session = Session(sys.argv[1]).with_token()

@@ -21,7 +21,7 @@ LASTING = (
     pytest.param("lfpipe.extras.share.requests", marks=with_extras),
     "lfpipe.monitor.monitor",
     "lfpipe.scene.open_scene",
-    "lfpipe.supervisor.supervisor",
+    "lfpipe.supervisor.session",
 )
 
 

@@ -19,7 +19,7 @@ from click.testing import CliRunner
 from lfpipe.cli.sequence import record
 from lfpipe.sequence.folder import Sequence, new_sequence, open_sequence
 from lfpipe.sequence.packets import INDEX, encoded
-from lfpipe.supervisor.effects import EndKind, Outcome
+from lfpipe.supervisor.session import EndKind, Outcome
 from tests.support.world import World, runs
 
 SMALL = ("--set", "camera.width_px=320", "--set", "camera.height_px=240")

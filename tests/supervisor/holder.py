@@ -87,8 +87,7 @@ def main() -> int:
     from lfpipe import config
     from lfpipe.errors import UserError
     from lfpipe.supervisor import rundir
-    from lfpipe.supervisor.session_state import SessionState
-    from lfpipe.supervisor.session_store import SessionStore
+    from lfpipe.supervisor.session_state import SessionState, SessionStore
     from lfpipe.transport.session import Session, SessionManifest
 
     try:

@@ -1,7 +1,6 @@
 """`PendingAnswers`: recipients and times of answers, without a socket or a clock."""
 
-from lfpipe.supervisor.control_sockets import Request
-from lfpipe.supervisor.pending_answers import APPLY_NS, EXECUTE_NS, PendingAnswers
+from lfpipe.supervisor.control_sockets import APPLY_NS, EXECUTE_NS, PendingAnswers, Request
 
 FIRST, SECOND, THIRD = Request(b"first"), Request(b"second"), Request(b"third")
 

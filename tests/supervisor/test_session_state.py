@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from lfpipe.config import Config, Governor, Render, SessionOptions, Track, converter
 from lfpipe.config.modes import CameraViewer, Lossless, MouseViewer, NoViewer
-from lfpipe.supervisor.rollback import TRIAL_NS, ConfigRollback
-from lfpipe.supervisor.session_state import SessionState
+from lfpipe.supervisor.session_state import TRIAL_NS, SessionState, Trial
 from lfpipe.transport import control
 from tests.supervisor.states import SCENE, VIEWER, made_state
 
@@ -129,7 +128,7 @@ def test_with_pictures_renewed_changes_nothing_for_stages() -> None:
 
 
 def test_config_rollback_settles_what_stages_have_worked_by() -> None:
-    rollback = ConfigRollback()
+    rollback = Trial()
     state = made_state().changed(LOWER)
     begun_ns = 10**9
     assert not rollback.watch(state, False, {"render": 1}, 0), "not applied yet"
@@ -142,7 +141,7 @@ def test_config_rollback_settles_what_stages_have_worked_by() -> None:
 
 
 def test_config_rollback_blames_a_change_that_fails_at_once() -> None:
-    rollback = ConfigRollback()
+    rollback = Trial()
     good = made_state()
     state = good.changed(LOWER)
     assert not rollback.to_blame(good, 1, True), "there is nothing to roll back"

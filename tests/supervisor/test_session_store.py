@@ -13,7 +13,7 @@ from lfpipe.host import segment
 from lfpipe.scene import cache
 from lfpipe.scene.pack import summarize
 from lfpipe.scene.packing import pack_scene
-from lfpipe.supervisor.session_store import SessionStore
+from lfpipe.supervisor.session_state import SessionStore
 from lfpipe.transport.ring import Reader, Writer
 from lfpipe.transport.session import Session
 from tests.supervisor.states import VIEWER, made_state

@@ -17,12 +17,10 @@ def sent() -> dict[str, set[str]]:
     for _, call in nodes(ast.Call):
         name = ast.unparse(call.func).rpartition(".")[2]
         first = call.args[0] if call.args else None
-        if not isinstance(first, ast.Constant) or name not in ("emit", "_emit", "Publish"):
+        if not isinstance(first, ast.Constant) or name not in ("emit", "_emit", "publish"):
             continue
         topic = str(first.value)
         fields[topic] |= {keyword.arg or "" for keyword in call.keywords}
-        if name == "Publish" and isinstance(call.args[1], ast.Dict):
-            fields[topic] |= {ast.literal_eval(key) for key in call.args[1].keys if key}
     return dict(fields)
 
 

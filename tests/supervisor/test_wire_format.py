@@ -27,7 +27,7 @@ from lfpipe.host.worker import Worker
 from lfpipe.plugins import REQUESTS, plugins
 from lfpipe.plugins import STAGES as PLUGGED_STAGES
 from lfpipe.scene.open_scene import PackerRequest, Packing
-from lfpipe.supervisor import metrics, reply_executor, scene_loads
+from lfpipe.supervisor import metrics, scene_loads, session
 from lfpipe.supervisor.check_service import FileChecks
 from lfpipe.supervisor.control_sockets import ControlSockets, Request
 from lfpipe.supervisor.file_checks import FileCheck
@@ -187,8 +187,8 @@ def test_wire_format_of_metrics(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_wire_format_of_answers(tmp_path: Path) -> None:
     asked = Request(b"client", message={"v": 2, "cmd": "load", "id": 7})
-    answers: list[Any] = [{"ok": True, "applied": False}, reply_executor.INTERNAL]
-    answers.append(reply_executor.REPLACED)
+    answers: list[Any] = [{"ok": True, "applied": False}, session.INTERNAL]
+    answers.append(session.REPLACED)
     sent: list[bytes] = []
     with closing(ControlSockets(tmp_path)) as sockets:
         server: Any = sockets._server

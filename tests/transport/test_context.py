@@ -11,8 +11,7 @@ from lfpipe.config.modes import Live, Lossless
 from lfpipe.host.segment import SHM_DIR
 from lfpipe.host.wake import Wake
 from lfpipe.supervisor.process_table import SOURCE, consumers
-from lfpipe.supervisor.session_state import SessionState
-from lfpipe.supervisor.session_store import SessionStore
+from lfpipe.supervisor.session_state import SessionState, SessionStore
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring_io import StageSpec

@@ -1,7 +1,7 @@
 """The row of the stage `share` in the process table."""
 
 from lfpipe.config import SessionOptions
-from lfpipe.supervisor.stage_row import Stage
+from lfpipe.transport.ring_io import Stage
 
 
 def _asks_for(options: SessionOptions) -> tuple[str, ...]:

@@ -1,0 +1,683 @@
+"""A running session: one object whose `step` does, in a fixed order, what there is to do; and a
+session from its name and lock to the cleanup after any end.
+
+The loop runs in the main thread; it never blocks on a child, and polls in one place.
+"""
+
+import contextlib
+import enum
+import logging
+import traceback
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from functools import partial
+from types import FrameType
+
+import attrs
+import zmq
+
+from lfpipe import log as session_log
+from lfpipe._version import __version__
+from lfpipe.config import Config, SessionOptions, converter
+from lfpipe.config.modes import Lossless
+from lfpipe.errors import UserError, plain, redacted
+from lfpipe.host import limits, signals
+from lfpipe.host.file_lock import Lock
+from lfpipe.host.processes import usable_cores
+from lfpipe.notices import Fault, faults
+from lfpipe.scene.open_scene import Packing
+from lfpipe.supervisor import child, process_table, rundir
+from lfpipe.supervisor.check_service import CheckEvent, FileChecks
+from lfpipe.supervisor.control_sockets import ControlSockets, PendingAnswers, Request
+from lfpipe.supervisor.governor import QualityControl
+from lfpipe.supervisor.metrics import SessionMetrics, session_metrics
+from lfpipe.supervisor.process_table import NAMES, SHOWN_BY, SOURCE, STAGES, TRACKED_BY, Stage
+from lfpipe.supervisor.requests import Reply, on_complete, on_load, respond, respond_checked
+from lfpipe.supervisor.scene_loads import SceneEvent, SceneLoads, ScenePreviews
+from lfpipe.supervisor.session_state import SessionState, SessionStore, Trial
+from lfpipe.supervisor.stage_process import (
+    MAX_FAILURES,
+    MAX_RESTARTS_WINDOW_S,
+    StageProcess,
+    StageProcesses,
+)
+from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
+from lfpipe.transport.control import EXECUTED, BadMessage, Message
+from lfpipe.transport.ring_io import StageSpec
+from lfpipe.transport.session import Session, SessionManifest
+from lfpipe.transport.status import Row
+
+logger = logging.getLogger(__name__)
+# Heartbeats are due as often, also while stages are idle; a descriptor wakes the loop sooner.
+TICK_NS, IDLE_TICK_NS = 100 * MS_NS, 500 * MS_NS
+PENDING_NS = 4 * MS_NS  # between two checks of the stages while answers wait for them
+IDLE_NS = 10 * SECOND_NS  # longer than a viewer turns away or leans out
+ASKED_OFTEN = ("hello", "status", "pictures")  # requests that change nothing
+SHOWN_TOPICS = ("source", "notice")  # telemetry for people
+LOGGED_TOPICS = ("parallax",)  # it changes with the viewer's distance
+# of telemetry: more lines than a person reads, also when every stage has restarted at once
+MAX_LINES, LINES_NS = 20, SECOND_NS
+MAX_LINE = 2000  # characters; a line of ours has some hundred
+REDUCED = "CPU overloaded: picture quality reduced (`lfpipe monitor` shows how and why)"
+RECORDER_ENDED = "the recorder stopped early and nothing else was running"
+INTERNAL = {
+    "ok": False,
+    "error": "internal error",
+    "remedy": "report the stack in its log; the session continues",
+}
+REPLACED = {
+    "ok": False,
+    "error": "superseded by a newer load request",
+    "remedy": "load it again",
+    "replaced": True,
+}
+
+
+class EndKind(enum.Enum):
+    """The cause of a session's end."""
+
+    SOURCE_ENDED = enum.auto()
+    DURATION = enum.auto()
+    REQUEST = enum.auto()
+    SIGNAL = enum.auto()
+    FAILURE = enum.auto()
+
+
+@attrs.define(kw_only=True)
+class Outcome:
+    """The end of a session."""
+
+    kind: EndKind
+    reason: str
+    """In a few words."""
+    signum: int = 0
+    """The signal, if that is the cause."""
+    failure: str | None = None
+    """The message for the user; None for a normal end."""
+    remedy: str = ""
+    user_error: bool = False
+    """Whether a restart cannot help until the user has changed something."""
+    final: SessionMetrics | None = None
+    """The state at the end."""
+
+
+class LiveSession:
+    """One session. stages: its processes.
+
+    Raises UserError, OSError if it cannot start, and then leaves nothing behind.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        state: SessionState,
+        notify: Callable[[str], None],
+        packing: Packing | None = None,
+    ) -> None:
+        placed = state.config.governor.affinity == "auto" and not isinstance(
+            state.options.clock, Lossless
+        )
+        self._cpus = process_table.cores(usable_cores()) if placed else {}
+        self._session = session
+        self._notify_user = notify
+        with contextlib.ExitStack() as parts:  # each is closed, even if another one raises
+            self._store = parts.enter_context(closing(SessionStore(session, state)))
+            self._table = table = self._store.table
+            self._started_ns = self._begin().started_ns
+            self._sockets = sockets = parts.enter_context(
+                closing(ControlSockets(session.run_dir, self.notify))
+            )
+            show = partial(sockets.send, SHOWN_BY)
+            self._loads = parts.enter_context(
+                closing(SceneLoads(show, sockets.connections, packing))
+            )
+            self._previews = parts.enter_context(closing(ScenePreviews(show)))
+            self._checks = parts.enter_context(closing(FileChecks(sockets.connections)))
+            ask_to_stop = partial(sockets.send, message={"cmd": "stop"})
+            self.stages = parts.enter_context(
+                closing(StageProcesses(session, table, self._spec, ask_to_stop, self.notify))
+            )
+            self._parts = parts.pop_all()
+        self._pending = PendingAnswers()
+        self._trial = Trial()
+        self._quality = QualityControl(self._cpus)
+        self._reduced = False  # whether the user knows
+        self._faults: list[Fault] = []  # the last ones
+        self._ended: deque[tuple[StageProcess, int]] = deque()  # failed, not handled yet
+        self._lines = self._lines_ns = 0  # of telemetry since then
+        self._active_ns = 0  # when somebody looked
+        self._end_ns: int | None = None  # of the duration, once all stages are ready
+        self._outcome: Outcome | None = None
+
+    @property
+    def state(self) -> SessionState:
+        """The current state."""
+        return self._store.state
+
+    def close(self) -> None:
+        """Stops the stages and removes the memory."""
+        self._parts.close()
+
+    def loop(self, duration_s: float | None, signals: Sequence[int], lock: Lock) -> Outcome:
+        """Runs the session to its end. duration_s: from when all stages are ready. signals:
+        received signals. lock: that of the session.
+        """
+        while True:
+            self.step()
+            self._check_files(lock)
+            self._check_limits(duration_s, signals)
+            if self._outcome is not None:
+                return self._ending(self._outcome)
+            self._poll()
+
+    def step(self) -> None:
+        """Does what there is to do, in this order: a failed stage may undo a change, which requests
+        that arrive now must see; answers follow what has changed; stages start last, as the state
+        is by then.
+        """
+        self._handle_failures()
+        self._confirm_change()
+        self._end_lease()
+        self._watch_faults()
+        self._adapt_quality()
+        self._watch_idle()
+        for messages in (
+            self._take_messages,
+            self._take_scenes,
+            self._previews.read,
+            self._take_checks,
+        ):
+            try:
+                messages()
+            except Exception as error:  # their content comes from outside
+                self.refusal(error)
+        self._deliver()
+        self._start_stages()
+
+    def _poll(self) -> None:
+        """Sleeps until a descriptor can be read, or something is due."""
+        poller = zmq.Poller()
+        for part in (self.stages, self._sockets, self._loads, self._previews, self._checks):
+            for fd in part.fds:
+                poller.register(fd, zmq.POLLIN)
+        waits_ns = [IDLE_TICK_NS if self.state.idle else TICK_NS]
+        if self._ended:
+            waits_ns.append(0)
+        if (messages_ns := self._sockets.wait_ns()) is not None:
+            waits_ns.append(messages_ns)
+        if self._pending:
+            waits_ns.append(PENDING_NS)
+        if self._end_ns is not None:
+            waits_ns.append(self._end_ns - now_ns())
+        poller.poll(max(0, -(-min(waits_ns) // MS_NS)))
+
+    def _ending(self, outcome: Outcome) -> Outcome:
+        """Stops the stages; returns how the session has ended."""
+        final = self.metrics()
+        self._faults = list(faults(self._table.rows, now_ns()))  # before the stages stop
+        self.stages.stop()
+        if outcome.failure is None:
+            outcome = self._failure_at_end(outcome) or outcome
+        self._take_messages()  # the last ones of the stages
+        self._deliver()
+        return attrs.evolve(outcome, final=final)
+
+    def _end(self, outcome: Outcome) -> None:
+        """Ends the session; only the first outcome counts."""
+        self._outcome = self._outcome or outcome
+
+    def _apply(self, state: SessionState) -> None:
+        """Stores a state, if it is another one."""
+        if state is not self.state:
+            self._store.apply(state)
+
+    # stages
+
+    def _handle_failures(self) -> None:
+        """Handles a failed stage by a rollback, a restart, or the end of the session."""
+        self._ended.extend(self.stages.check())
+        if not self._ended:
+            return
+        # one at a time: the next one may fail on another state
+        process, code = self._ended.popleft()
+        name = process.stage.name
+        row = process.row
+        state = self.state
+        mistake = process.mistake() if code == child.EXIT_USER else None
+        if self._trial.to_blame(state, code, int(row["config_rev"]) >= state.rev):
+            why = f"{mistake.message} ({mistake.remedy})" if mistake else f"{name} fails with it"
+            self._undo(name, why)
+            return
+        first = not row["seq"]  # it has never worked
+        # later in a live session, the missing thing may return
+        if mistake and (first or isinstance(state.options.clock, Lossless)):
+            self._end(
+                Outcome(
+                    kind=EndKind.FAILURE,
+                    reason=f"{name} could not {'start' if first else 'continue'}",
+                    failure=mistake.message,
+                    remedy=mistake.remedy,
+                    user_error=True,
+                )
+            )
+            return
+        phase = "RUNNING" if row["ready_ns"] else "STARTING"
+        how = f"signal {-code}" if code < 0 else f"exit code {code}"
+        why = f": {mistake.message}" if mistake else ""
+        last = int(row["source_seq"])
+        self._sockets.publish("failed", stage=name, code=code, phase=phase, source_seq=last)
+        if not process.failed():
+            self.notify(f"{name} ended with {how} in {phase}{why}; restarting")
+            return
+        stack = process.last_stack()
+        many = f"{name} failed {MAX_FAILURES} times in {MAX_RESTARTS_WINDOW_S:.0f} s"
+        left = f"its last stack:\n{stack}" if stack else "it left no stack"
+        self._fail(
+            many,
+            f"{many}, last in {phase} with {how}{why}, after source_seq {last}; {left}",
+            "see the messages above; `lfpipe doctor` checks the machine",
+        )
+
+    def _fail(self, reason: str, failure: str, remedy: str) -> None:
+        self._end(Outcome(kind=EndKind.FAILURE, reason=reason, failure=failure, remedy=remedy))
+
+    def _undo(self, stage: str, why: str) -> None:
+        """Undoes the newest change, on which a stage failed.
+
+        This does not count as a failure of the stage: `ctl set` must not end a session.
+        """
+        self._apply(self.state.rolled_back())
+        for request, answer in self._pending.refuse_changes(why):
+            self._answer(request, answer)
+        self._sockets.publish("refused", stage=stage, why=why)
+        self.notify(f"the last change is rolled back: {why}")
+
+    def _confirm_change(self) -> None:
+        """Marks the newest change as known to work once every stage works with it."""
+        state = self.state
+        needed = self.stages.needed(state.options)
+        outputs = {process.stage.name: int(process.row["seq"]) for process in needed}
+        applied = self.stages.have_applied(state.rev, state.options)
+        if self._trial.watch(state, applied, outputs, now_ns()):
+            self._apply(state.settled())
+
+    def _start_stages(self) -> None:
+        """Starts the stages that the session needs, and ends one that needs none any more."""
+        options = self.state.options
+        self.stages.ensure_running(options)
+        if self.stages.finished(self.state.level.every):
+            self._end(Outcome(kind=EndKind.SOURCE_ENDED, reason="the source has ended"))
+        if not self.stages.needed(options, or_alive=True):
+            self._fail(RECORDER_ENDED, RECORDER_ENDED, "see the messages above")
+
+    # the course of the session
+
+    def _end_lease(self) -> None:
+        """Removes the ring of pictures when its lease expires."""
+        if self.state.options.pictures and now_ns() > self.state.pictures_until_ns:
+            self._apply(self.state.without_pictures())
+
+    def _watch_faults(self) -> None:
+        """Notifies of new faulty parts of stages."""
+        known = {fault.text for fault in self._faults}
+        broken = list(faults(self._table.rows, now_ns()))
+        self._faults = broken or self._faults
+        for fault in broken:
+            if fault.text not in known:
+                self.notify(fault.text)
+
+    def _adapt_quality(self) -> None:
+        """Changes the level of quality with the load of the stages."""
+        state = self.state
+        if state.idle:
+            return  # with little to do, the stages say nothing about the load
+        lowest = len(state.levels) - 1
+        level = state.level
+        step = self._quality.sample(state, self._table.rows, now_ns())
+        if step is not None:
+            self._apply(state.with_level(step.level))
+            level = state.levels[step.level]
+            logger.info(
+                "quality level %d of %d, %s: %s", level.number, lowest, level.words, step.reason
+            )
+            self._sockets.publish(
+                "level",
+                level=level.number,
+                lowest=lowest,
+                words=level.words,
+                stage=step.stage,
+                why=step.reason,
+            )
+        row = self._table.session  # for monitors
+        row["level"] = level.number
+        row["lowest"] = lowest
+        row["words"] = level.words.encode()
+        if step is not None and level.number and not self._reduced:
+            self._reduced = True
+            self.notify(REDUCED)
+
+    def _watch_idle(self) -> None:
+        """Notices that nobody has looked, or moved the mouse, for a while, so that stages work
+        less.
+        """
+        state, t_ns = self.state, now_ns()
+        options = state.options
+        track, render = (
+            Row(self._table.rows[name], self._table.metrics[name])
+            for name in (TRACKED_BY, SHOWN_BY)
+        )
+        looks = track["face"] if options.viewer.tracked else not render["resting"]
+        must_not_rest = options.record or isinstance(options.clock, Lossless)
+        if looks or must_not_rest or state.paused or not self._active_ns:
+            self._active_ns = t_ns
+        idle = t_ns - self._active_ns > IDLE_NS
+        if idle != options.idle:
+            self._apply(state.changed(idle=idle))
+
+    def _check_files(self, lock: Lock) -> None:
+        """Ends a session whose lock or shared memory was removed: without the lock, it no longer
+        receives commands, and the next session of that name cannot detect it.
+        """
+        if not lock.in_place():
+            self._fail(
+                "its run directory was removed",
+                f"{self._session.run_dir} was removed while the session ran",
+                "set XDG_RUNTIME_DIR to a directory that no program cleans",
+            )
+        if removed := self._store.removed():
+            self._fail(
+                "its shared memory was removed",
+                f"{removed} was removed while the session ran",
+                "find the program that cleans that folder, and exclude lfp-*",
+            )
+
+    def _check_limits(self, duration_s: float | None, signals: Sequence[int]) -> None:
+        """Ends a session on a signal, or after its duration."""
+        if signals:
+            self._end(Outcome(kind=EndKind.SIGNAL, reason="interrupted", signum=signals[0]))
+        if duration_s is None:
+            return
+        t_ns = now_ns()
+        if self._end_ns is None and self.stages.are_ready(self.state.options):
+            self._end_ns = t_ns + int(duration_s * SECOND_NS)
+        if self._end_ns is not None and t_ns >= self._end_ns:
+            self._end(Outcome(kind=EndKind.DURATION, reason="finished (--duration reached)"))
+
+    def _failure_at_end(self, outcome: Outcome) -> Outcome | None:
+        """A failure that overrides the normal end of a session: an output that a stage of a
+        lossless session could not write at its end, a part that never worked, an output that ended
+        early.
+        """
+        for process in self.stages if isinstance(self.state.options.clock, Lossless) else ():
+            if mistake := process.mistake():
+                return Outcome(
+                    kind=EndKind.FAILURE,
+                    reason=f"{process.stage.name} could not end",
+                    failure=mistake.message,
+                    remedy=mistake.remedy,
+                    user_error=True,
+                )
+        rows = self._table.rows
+        never = [fault.text for fault in self._faults if not fault.has_worked]
+        if rows[TRACKED_BY]["restarts"] and not rows[TRACKED_BY]["seq"]:
+            never.append(f"{TRACKED_BY} failed before its first eyes")
+        lost = sum(int(row["lost_outputs"]) for row in rows.values())
+        if never:
+            failure = f"{outcome.reason}, but {never[0]}: it never worked"
+            remedy = "choose another one with --set track.engine or track.filter"
+        elif lost:
+            files = "a file of the session is" if lost == 1 else f"{lost} files of the session are"
+            failure = f"{outcome.reason}, but {files} incomplete"
+            remedy = "see the messages above; free disk space, or use files on another disk"
+        else:
+            return None
+        return Outcome(kind=outcome.kind, reason=outcome.reason, failure=failure, remedy=remedy)
+
+    # requests and telemetry
+
+    def _take_messages(self) -> None:
+        """Handles the requests and telemetry that have arrived."""
+        t_ns = now_ns()
+        if t_ns > self._lines_ns + LINES_NS:
+            self._lines_ns = t_ns
+            self._lines = 0
+        for arrived in self._sockets.arrived():
+            if isinstance(arrived, Request):
+                self._respond(arrived, partial(self._reply, arrived))
+            elif arrived.get("topic") in (*SHOWN_TOPICS, *LOGGED_TOPICS):
+                self._show(arrived)
+
+    def _show(self, message: Message) -> None:
+        """Shows the user telemetry for people, or logs it."""
+        notes = message.get("notes")
+        for text in notes if isinstance(notes, list) and notes else [message.get("text")]:
+            if not (isinstance(text, str) and text):
+                continue
+            if message["topic"] in LOGGED_TOPICS:
+                logger.info("%.500s", text)
+                continue
+            self._lines += 1
+            if self._lines <= MAX_LINES:
+                self.notify(plain(text, MAX_LINE))
+
+    def _reply(self, request: Request) -> Reply:
+        request.decode()
+        if request.command == EXECUTED and request.sender in NAMES:
+            self._pending.executed(request.sender, request.message)
+            return Reply(silent=True)
+        level = logging.DEBUG if request.command in ASKED_OFTEN else logging.INFO
+        logger.log(level, "request %.500s", request.message)
+        return respond(self.state, request.message, now_ns(), request.sender)
+
+    def _respond(self, request: Request, reply: Callable[[], Reply]) -> None:
+        """Executes the reply to a request; any error becomes the answer."""
+        try:
+            self._execute(request, reply())
+        except Exception as error:
+            answer = self.refusal(error)
+            if request.sender in NAMES:  # nobody reads a stage's answers
+                remedy = f" ({answer['remedy']})" if answer.get("remedy") else ""
+                self.notify(f"{answer['error']}{remedy}")
+            self._answer(request, answer)
+
+    def refusal(self, error: Exception) -> Message:
+        """The answer for an error; a defect is logged with its stack."""
+        if isinstance(error, UserError):
+            answer = {"ok": False, "error": error.message, "remedy": error.remedy}
+        elif isinstance(error, BadMessage):
+            # parts of the text come from outside
+            answer = {"ok": False, "error": plain(str(error), 2000)}
+        else:
+            stack = "".join(traceback.format_exception(error))
+            self.notify(f"internal error while handling a message; the session continues\n{stack}")
+            answer = INTERNAL
+        logger.info("refused: %s", answer["error"])
+        return answer
+
+    def _answer(self, request: Request, answer: Message) -> None:
+        self._sockets.answer(request, self.state.rev, answer)
+
+    def _execute(self, request: Request, reply: Reply) -> None:
+        """Executes a reply; answers now, or when it is done."""
+        if reply.silent:
+            return
+        if reply.check is not None:
+            self._checks.begin(request, reply.check)
+        elif reply.load is not None:
+            if replaced := self._loads.want(request, reply.load):
+                self._answer(replaced, REPLACED)
+        elif reply.executed_by:
+            number = self._pending.await_stages(request, reply.executed_by, now_ns())
+            for stage in reply.executed_by:  # nothing else of the request reaches a stage
+                command = {"cmd": request.command, "number": number, **reply.sent}
+                self._sockets.send(stage, command)
+        else:
+            self._answer_applied(request, reply)
+        if reply.stop:
+            closed = request.sender == SHOWN_BY
+            reason = "the window was closed" if closed else "stopped by command"
+            self._end(Outcome(kind=EndKind.REQUEST, reason=reason))
+
+    def _answer_applied(self, request: Request, reply: Reply) -> None:
+        """Stores the state of a reply, and answers once the stages have applied it."""
+        if reply.previews is not None:
+            self._previews.begin(reply.previews, self.state.config.scene)
+        answer = {"ok": True, **reply.answer}
+        if reply.with_stages:
+            answer |= self.metrics().to_dict()
+        before = self.state
+        state = before if reply.state is None else reply.state
+        self._store.apply(state)
+        if state.rev == before.rev:
+            self._answer(request, answer)
+        else:
+            on_trial = state.replaces_basis_of(before)
+            self._pending.await_revision(request, answer, state.rev, now_ns(), on_trial)
+
+    def _take_scenes(self) -> None:
+        """Shows scenes that are packed now."""
+        for event in self._loads.events():
+            if event.request is not None:
+                self._respond(event.request, partial(self._loaded, event))
+            elif isinstance(event.scene, Exception):
+                logger.info("refused: %s", event.scene)
+            else:
+                self._apply(on_complete(self.state, event.scene))
+
+    def _loaded(self, event: SceneEvent) -> Reply:
+        if isinstance(event.scene, Exception):
+            raise event.scene
+        assert event.request is not None
+        return on_load(self.state, event.request.message, event.scene, event.scenes)
+
+    def _take_checks(self) -> None:
+        """Goes on with requests whose files are checked."""
+        for event in self._checks.events():
+            self._respond(event.request, partial(self._checked, event))
+
+    def _checked(self, event: CheckEvent) -> Reply:
+        if isinstance(event.result, Exception):
+            raise event.result
+        return respond_checked(self.state, event.request.message, event.result, now_ns())
+
+    def _deliver(self) -> None:
+        """Sends a new state to the stages, and the answers that waited for them."""
+        if new_state := self._store.take_message():
+            self._sockets.broadcast(NAMES, new_state)
+
+        def applied(rev: int) -> bool:
+            return self.stages.have_applied(rev, self.state.options)
+
+        for request, answer in self._pending.due(applied, now_ns()):
+            self._answer(request, answer)
+
+    # what others see
+
+    def _begin(self) -> SessionManifest:
+        """Writes the session's manifest and the head of its log."""
+        options = converter().unstructure(self.state.options)
+        options["display"].pop("lock_code", None)
+        if "source" in options["viewer"]:
+            options["viewer"]["source"] = redacted(options["viewer"]["source"])
+        manifest = SessionManifest.begin(self._session, options)
+        logger.info("session %s: lfpipe %s, pid %d", manifest.session, __version__, manifest.pid)
+        logger.info("options: %s", {key: value for key, value in options.items() if value})
+        return manifest
+
+    def _spec(self, stage: Stage) -> StageSpec:
+        state = self.state
+        return StageSpec(
+            name=stage.name,
+            module=stage.module,
+            session=self._session,
+            config=state.config,
+            rev=state.rev,
+            options=state.options,
+            consumers=process_table.consumers(),
+            others=tuple(
+                other.name for other in STAGES if other is not stage and other.needed(state.options)
+            ),
+            source=SOURCE,
+            cpus=self._cpus.get(stage.name, ()),
+        )
+
+    def metrics(self) -> SessionMetrics:
+        """The metrics of the session."""
+        table = self._table
+        return session_metrics(
+            self._session.name, table.rows, table.metrics, table.session, self._started_ns
+        )
+
+    def notify(self, text: str) -> None:
+        """Notifies the user, and logs it. text: may quote anything."""
+        logger.info(text)
+        self._notify_user(plain(text))
+
+
+@contextlib.contextmanager
+def _acquired(session: Session) -> Iterator[tuple[Session, Lock]]:
+    """The session with its token, and its lock, where the limits of this system allow one. Raises
+    UserError.
+    """
+    limits.allow_files()
+    with rundir.filled(session):
+        lock = rundir.acquire(session)
+    try:
+        yield session.with_token(), lock
+    finally:
+        rundir.release(session, lock)
+
+
+def try_session(session: Session, config: Config, options: SessionOptions) -> Outcome:
+    """As `run_session`, until all stages are ready. Keeps no log, and removes nothing of others."""
+    state = SessionState.first(config, options)
+    with (
+        _acquired(session) as (own, lock),
+        rundir.filled(own),
+        closing(LiveSession(own, state, logger.info)) as live,
+    ):
+        return live.loop(0.0, (), lock)
+
+
+def run_session(
+    session: Session,
+    config: Config,
+    options: SessionOptions,
+    notify: Callable[[str], None] = print,
+    duration_s: float | None = None,
+    packing: Packing | None = None,
+) -> Outcome:
+    """Runs a session to its end: a command, a signal, duration_s (from when all stages are ready),
+    the end of the source, or too many failures. notify: receives lines for the user. packing: the
+    packer, while it works on the disparity of the first scene.
+
+    Raises UserError before any process starts if the session is impossible: its name is in use,
+    /dev/shm is too small, a stage is configured for a missing core, ...
+    """
+    arrived: list[int] = []
+    live: LiveSession | None = None
+
+    def take_signal(signum: int, _frame: FrameType | None) -> None:
+        again = signum in arrived and signum not in signals.SENT_TWICE
+        arrived.append(signum)
+        if again and live is not None:  # the second Ctrl-C ends at once
+            live.stages.kill()
+
+    with _acquired(session) as (session, lock):
+        try:
+            log = session_log.kept_in(session.run_dir)
+            signalled = signals.handled(take_signal)
+            with signalled, log:
+                with rundir.filled(session):
+                    if swept := rundir.sweep():
+                        logger.info("removed what dead sessions left: %s", ", ".join(swept))
+                    state = SessionState.first(config, options)
+                    live = LiveSession(session, state, notify, packing)
+                with closing(live):
+                    outcome = live.loop(duration_s, arrived, lock)
+                what = outcome.failure or "no failure"
+                logger.info("session %s: %s; %s", session.name, outcome.reason, what)
+        finally:
+            session_log.keep_last(session.run_dir)
+    return outcome
