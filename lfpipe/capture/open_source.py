@@ -110,4 +110,5 @@ def check_source(text: str, camera: config.Camera) -> CameraViewer | RecordedEye
     if info.eyes:
         return RecordedEyes(source=definite, rate_hz=info.rate_hz, folder=info.eyes)
     jpeg_px = info.size_px if info.jpeg else None
-    return CameraViewer(source=definite, rate_hz=info.rate_hz, jpeg_px=jpeg_px)
+    name = spec.name_in_measurements(definite)
+    return CameraViewer(source=definite, rate_hz=info.rate_hz, jpeg_px=jpeg_px, name=name)

@@ -15,14 +15,17 @@ import logging
 import time
 from collections import deque
 
+import attrs
+
 from lfpipe.capture.content import ContentWatch
 from lfpipe.capture.frame_source import BrokenFrame, Frame, SourceInfo
-from lfpipe.capture.open_source import camera_settings, open_source
+from lfpipe.capture.open_source import camera_settings, check_source, open_source
 from lfpipe.capture.reconnecting_camera import CameraLost
 from lfpipe.capture.recorded_views import RecordedViews
 from lfpipe.capture.schedule import Lateness
 from lfpipe.config import Camera
-from lfpipe.config.modes import Lossless
+from lfpipe.config.modes import Lossless, RecordedEyes
+from lfpipe.errors import UserError
 from lfpipe.transport.clock import SECOND_NS, SleepWatch, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.packet_ring import PacketOutput
@@ -283,6 +286,16 @@ def main(context: Context) -> None:
     packets = PacketOutput(context.spec.session, "packets")
     camera = camera_settings(context.config)
     source, live = context.options.viewer.source, context.options.live
+    if context.spec.request:  # a viewer that is exchanged while the session runs
+        with context.setting_up("opening the source"):
+            found = check_source(source, camera)
+        if isinstance(found, RecordedEyes):
+            raise UserError(
+                f"{source}: a recording of the mouse cannot replace a viewer",
+                "start a session with --camera",
+            )
+        source = found.source
+        context.answer({"number": context.spec.request}, **attrs.asdict(found))
     views = RecordedViews(context, live) if live is not None and live.recorded else None
     run(CaptureStage(context, source, camera, "frames", packets, views), context)
 

@@ -19,6 +19,8 @@ class CameraViewer:
     jpeg_px: tuple[int, int] | None = None
     # whether eyes are tracked: a scene of one view needs none
     tracked: bool = True
+    # of the camera in measurements; "": unknown
+    name: str = ""
 
 
 @attrs.frozen(kw_only=True)

@@ -385,14 +385,21 @@ def main(context: Context) -> None:
         recorder = Recorder(context, folder)
     except (OSError, UserError) as error:
         context.ready()
-        why = error.strerror if isinstance(error, OSError) else error.message
-        _give_up(context, f"recording {folder}: {why}; nothing is recorded")
+        if isinstance(error, OSError):
+            error = UserError(f"{folder}: {error.strerror}", "use another folder")
+        if context.spec.request:
+            context.refuse({"number": context.spec.request}, error)
+            context.request("record", path="")
+        else:
+            _give_up(context, f"recording {error.message}; nothing is recorded")
         context.ack_config()
         while context.wait():
             context.ack_config()
         return
     context.ready()
     context.ack_config()
+    if context.spec.request:
+        context.answer({"number": context.spec.request})
     try:
         while recorder.wait():
             recorder.take()

@@ -4,9 +4,9 @@ Reads: ring "eyes", the newest record; the packed scene named by option "pack", 
 and "disparity" of a live one.
 Writes: the display of option "display"; the trace of option "trace"; the last picture to option
 "still"; without a camera, ring "eyes" from the mouse; for a live scene, ring "viewpoints".
-Commands: recentre, loading (progress), stop; settings and another scene by configuration, a lowered
-quality by option "level".
-Asks: set, keep, costs, recentre, load, folder, previews, pause, resume, record, stop (events of the
+Commands: recentre, trace, loading (progress), stop; settings and another scene by configuration, a
+lowered quality by option "level".
+Asks: set, keep, costs, recentre, load, previews, pause, resume, record, stop (events of the
 window).
 Emits: parallax (alpha and its reasons), viewer (nobody, arriving, seated, lost, exchanged), notice
 (an output was lost).
@@ -37,6 +37,7 @@ from lfpipe.config.modes import (
 from lfpipe.config.quality import lowered
 from lfpipe.errors import UserError
 from lfpipe.eyes import EYES, EyesRecord
+from lfpipe.files.output import check_output
 from lfpipe.host.processes import run_on
 from lfpipe.host.wake import readable
 from lfpipe.plugins import PluginError
@@ -61,14 +62,16 @@ from lfpipe.render.synthesis.costs import measure_costs
 from lfpipe.render.synthesis.painter import Painters, open_painters
 from lfpipe.render.ui.actions import ACTIONS
 from lfpipe.render.ui.controller import Ui
+from lfpipe.render.ui.files import Files
 from lfpipe.render.viewer.mouse_look import MouseLook
 from lfpipe.render.viewer.presence import ViewerState
 from lfpipe.render.viewer.viewer import Canvas, Viewer
-from lfpipe.scene.inverted_depth import shown_as
+from lfpipe.scene.inverted_depth import remember, shown_as
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import open_pack
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
 from lfpipe.transport.context import Context
+from lfpipe.transport.control import Message
 from lfpipe.transport.ring import Stamp
 
 if TYPE_CHECKING:
@@ -126,6 +129,7 @@ class RenderStage:
         self._take_settings()
         options = context.options
         self._lossless = isinstance(options.clock, Lossless)
+        self._files = Files(context)
         self._preparer: ThreadPoolExecutor | None = None
         self._costs: Future[Mapping[str, float]] | None = None
         self._live: LiveInput | None = None
@@ -168,7 +172,15 @@ class RenderStage:
             listeners=self._listeners,
             seq=context.row["seq"],
         )
-        self._ui = Ui(context, self._viewer, self._presenter, self._mouse, self._display, ACTIONS)
+        self._ui = Ui(
+            context,
+            self._viewer,
+            self._presenter,
+            self._mouse,
+            self._display,
+            ACTIONS,
+            self._files,
+        )
         middle = ((self._field.rows - 1) / 2, (self._field.cols - 1) / 2)
         # builds tables and touches pages before the first picture is due
         self._viewer.compositor.compose(middle, middle)
@@ -447,12 +459,23 @@ class RenderStage:
                 context.answer(
                     message, text=self._ui.act(message["name"], message.get("value", 0.0))
                 )
+            elif word == "trace":
+                self._check_trace(message)
             elif word == "loading":
                 self._ui.scenes.report(message)
             elif word == "preview":
                 self._ui.scene_page.add(message)
         for answer in context.answers():
             self._ui.handle(answer)
+
+    def _check_trace(self, message: Message) -> None:
+        """Answers whether a timeline can be written, which an option then begins."""
+        try:
+            with self._context.busy_with("opening a trace"):
+                check_output(Path(message["path"]), [Path(path) for path in message["inputs"]])
+            self._context.answer(message)
+        except UserError as error:
+            self._context.refuse(message, error)
 
     def _exchange_viewer(self) -> None:
         """Takes the eyes from another source."""
@@ -493,7 +516,7 @@ class RenderStage:
         """
         word = self._context.config.scene.invert_depth
         if word != "auto" and not self._lossless and self._live is None:
-            self._context.request("keep", depth=word)
+            self._files.do(partial(remember, self._field, word))
 
     def _after_picture(self) -> None:
         """Handles keys and notices, which do not change the current picture; without a window, ten
@@ -522,6 +545,7 @@ class RenderStage:
         except PluginError as error:  # its file may be incomplete, and nobody waits for the stage
             self._context.report_lost(error.message)
         self._ui.pass_on_notices()
+        self._files.close()
 
 
 def main(context: Context) -> None:

@@ -6,7 +6,7 @@ the stages have applied a revision of the state, or have executed a command.
 import contextlib
 import itertools
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -118,9 +118,12 @@ class ControlSockets:
         self._server.publish(control.encode({"topic": topic, "t_ns": now_ns(), **values}))
 
 
+# makes the reply to a request from the answers of its stages, by name
+Then = Callable[[Mapping[str, Message]], Any]
 APPLY_NS = SECOND_NS  # time limit for the stages to apply a change before the answer
 OF_THE_MESSAGE = ("v", "cmd", "number", "id")  # not of the answer
 EXECUTE_NS = 2 * SECOND_NS  # time limit for the stages to execute a command
+START_NS = 12 * SECOND_NS  # likewise for a stage that starts for it: a disk or camera may be slow
 
 
 @attrs.define(kw_only=True)
@@ -138,6 +141,10 @@ class _Pending:
     """Whether a rollback undoes the request."""
     missing: set[str] = attrs.field(factory=set)
     """The stages that have not executed it."""
+    starts: bool = False
+    """Whether they start for it."""
+    then: Then | None = None
+    """Makes the reply once they have."""
 
 
 class PendingAnswers:
@@ -164,13 +171,40 @@ class PendingAnswers:
             on_trial=on_trial,
         )
 
-    def await_stages(self, request: Request, stages: tuple[str, ...], t_ns: int) -> int:
-        """The answer is that of the stages; returns the number to send with the command."""
+    def await_stages(
+        self,
+        request: Request,
+        stages: Collection[str],
+        t_ns: int,
+        answer: Message | None = None,
+        starts: bool = False,
+        on_trial: bool = False,
+        then: Then | None = None,
+    ) -> int:
+        """The answer is that of the stages; returns the number to send with the command. answer:
+        with it. starts: whether they start for it. on_trial: as in `await_revision`. then: makes
+        the reply once they have executed it.
+        """
         number = next(self._numbers)
         self._pending[number] = _Pending(
-            request=request, answer={"ok": True}, until_ns=t_ns + EXECUTE_NS, missing=set(stages)
+            request=request,
+            answer={"ok": True, **(answer or {})},
+            until_ns=t_ns + (START_NS if starts else EXECUTE_NS),
+            on_trial=on_trial,
+            missing=set(stages),
+            starts=starts,
+            then=then,
         )
         return number
+
+    def number_for(self, stage: str) -> int:
+        """The number of the newest request that the stage answers once it works; 0 for none."""
+        numbers = [
+            number
+            for number, pending in self._pending.items()
+            if pending.starts and stage in pending.missing
+        ]
+        return max(numbers, default=0)
 
     def executed(self, stage: str, message: Message) -> None:
         """Processes a stage's answer: `number`, `ok`, and further values, which the client receives
@@ -188,28 +222,33 @@ class PendingAnswers:
             stages = {**pending.answer.get("stages", {}), stage: result}
             pending.answer = {**pending.answer, "stages": stages}
 
-    def refuse_changes(self, why: str) -> Iterator[tuple[Request, Message]]:
+    def refuse_changes(self, why: Message) -> Iterator[tuple[Request, Message]]:
         """The answers to all requests that wait for a change that was rolled back; the others
         were not undone, and wait for the stages.
         """
         for number, pending in list(self._pending.items()):
             if pending.on_trial:
                 del self._pending[number]
-                yield pending.request, {"ok": False, "error": why}
+                yield pending.request, {"ok": False, **why}
 
-    def due(self, applied: Callable[[int], bool], t_ns: int) -> Iterator[tuple[Request, Message]]:
-        """The answers that wait no longer. applied: whether the stages have applied a revision."""
+    def due(
+        self, applied: Callable[[int], bool], t_ns: int
+    ) -> Iterator[tuple[Request, Message, Then | None]]:
+        """The answers that wait no longer, or what makes the reply from them. applied: whether the
+        stages have applied a revision.
+        """
         for number, pending in list(self._pending.items()):
             done = applied(pending.rev) if pending.rev else not pending.missing
             if not done and t_ns <= pending.until_ns:
                 continue
             del self._pending[number]
+            answer = pending.answer
             if pending.rev:
-                yield pending.request, {**pending.answer, "applied": done}
-            elif done:
-                yield pending.request, pending.answer
-            else:
+                answer = {**answer, "applied": done}
+            elif not done:
                 stages = " and ".join(sorted(pending.missing))
-                why = f"{stages} did not execute it within {EXECUTE_NS // SECOND_NS} s"
+                limit_s = (START_NS if pending.starts else EXECUTE_NS) // SECOND_NS
+                why = f"{stages} did not execute it within {limit_s} s"
                 remedy = "check the session: `lfpipe monitor`"
-                yield pending.request, {"ok": False, "error": why, "remedy": remedy}
+                answer = {"ok": False, "error": why, "remedy": remedy}
+            yield pending.request, answer, pending.then if answer["ok"] else None

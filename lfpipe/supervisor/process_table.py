@@ -95,6 +95,7 @@ SOURCE, TRACKED_BY, SHOWN_BY = (
     next(stage.name for stage in STAGES if ring in stage.writes)
     for ring in ("frames", "eyes", "shown")
 )
+RECORDED_BY = "record"
 # work that a lowered quality reduces -> its stage
 DOES = {"pictures": SHOWN_BY, "eyes": TRACKED_BY}
 # the stages that a picture waits for

@@ -1,28 +1,34 @@
 """The requests of a session on ctl. Each handler is a pure function of state and request; it
 returns a reply or refuses.
 
-Requests that name files come in two steps: `respond` asks for a check by a child process
-(`file_checks`), `respond_checked` processes its result; a scene is packed first, then `on_load`
-shows it. A refusal is a BadMessage (not a request at all) or a UserError (with a remedy); either
-changes nothing.
+A request that names a file or a camera is executed by the stage that opens it, which answers or
+refuses; a scene is packed first, then `on_load` shows it. A refusal is a BadMessage (not a request
+at all) or a UserError (with a remedy); either changes nothing.
 """
 
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, Protocol
 
 import attrs
 
 from lfpipe import config as config_module
-from lfpipe.config import DrawingCosts, SceneSummary, converter, user_files
+from lfpipe.capture.spec import source_file
+from lfpipe.config import DrawingCosts, SceneSummary, converter
 from lfpipe.config.modes import CameraViewer, Lossless, MouseViewer, is_measurable
 from lfpipe.errors import UserError
 from lfpipe.plugins import REQUESTS, guarded, load, plugins
 from lfpipe.scene.open_scene import PackerRequest
-from lfpipe.supervisor.file_checks import START, FileCheck
-from lfpipe.supervisor.process_table import SCORER, SHOWN_BY, STAGES, TRACKED_BY
+from lfpipe.supervisor.process_table import (
+    RECORDED_BY,
+    SCORER,
+    SHOWN_BY,
+    SOURCE,
+    STAGES,
+    TRACKED_BY,
+)
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.control import BadMessage, Message
@@ -35,18 +41,19 @@ OUTPUTS = {
     "record": ("record", "recording", "lfpipe ctl record"),
 }
 # requests that only the stage that shows pictures may send
-OF_THE_WINDOW = ("keep", "folder", "costs")
+OF_THE_WINDOW = ("keep", "costs")
 # what a client may do as if it had pressed the key in the window: actions of `lfpipe.render.ui`
 REMOTE_ACTIONS = ("record", "screenshot", "glasses", "calibrate")
-KEPT = ("section", "values", "depth", "focal_px")
-DEPTHS = ("yes", "no", "asked")  # saved values for the depth order of a scene
 LEASE_S, MAX_LEASE_S = 5.0, 60.0  # of the ring of pictures
+
+
+Then = Callable[[SessionState, Mapping[str, Message]], "Reply"]
 
 
 @attrs.frozen(kw_only=True)
 class Reply:
-    """The result of a request. Without `load`, `check` and `executed_by`, it is answered as soon as
-    the stages have applied `state`.
+    """The result of a request. Without `load` and `executed_by`, it is answered as soon as the
+    stages have applied `state`.
     """
 
     answer: Message = attrs.field(factory=dict)
@@ -56,12 +63,13 @@ class Reply:
     """The real reply comes from `on_load`."""
     previews: tuple[str, ...] | None = None
     """Scenes to read for the page of scenes."""
-    check: FileCheck | None = None
-    """The real reply comes from `respond_checked`."""
     executed_by: tuple[str, ...] = ()
-    """The stages that execute the command, and then answer."""
+    """The stages that execute the command, and then answer; those that start with `state`, as soon
+    as they work."""
     sent: Message = attrs.field(factory=dict)
     """What they receive with it."""
+    then: Then | None = None
+    """The reply once they have executed it, from the state then and their answers by name."""
     with_stages: bool = False
     """The answer includes the metrics of the session."""
     silent: bool = False
@@ -94,14 +102,6 @@ class RequestPlugin(Protocol):
         """As `respond`."""
         ...
 
-    def check(self, asked: FileCheck) -> Message:
-        """In a child process: the result of `Reply.check`, as plain values. Raises UserError."""
-        ...
-
-    def respond_checked(self, state: SessionState, message: Message, result: Message) -> Reply:
-        """As `respond_checked`."""
-        ...
-
 
 def commands() -> list[str]:
     """The control commands, built-in ones first."""
@@ -109,8 +109,9 @@ def commands() -> list[str]:
 
 
 def _plugged(command: str) -> RequestPlugin:
-    results = {"respond": Reply, "respond_checked": Reply}
-    plugin: RequestPlugin = guarded(load(REQUESTS, command, HANDLERS), REQUESTS, command, results)
+    plugin: RequestPlugin = guarded(
+        load(REQUESTS, command, HANDLERS), REQUESTS, command, {"respond": Reply}
+    )
     return plugin
 
 
@@ -202,18 +203,30 @@ def _output(state: SessionState, message: Message, _t_ns: int) -> Reply:
     if not path:
         ended: Message = {option: ""}
         return Reply(answer={"path": running}, state=state.changed(**ended))
-    if command == "record":
-        _check_eyes(state)
-    if command == "record" and state.paused:
+    if command == "trace":
+        return _trace(state, path)
+    _check_eyes(state)
+    if state.paused:
         raise UserError(
             "the session is paused: nothing would be recorded",
             "resume it: `lfpipe ctl resume`, or p in the window",
         )
-    options = state.options
     return Reply(
-        check=FileCheck(
-            check=command, path=path, source=options.viewer.source, record=options.record
-        )
+        answer={"path": path, "applied": True},
+        state=state.changed(record=path),
+        executed_by=(RECORDED_BY,),
+    )
+
+
+def _trace(state: SessionState, path: str) -> Reply:
+    if not state.options.show:
+        raise UserError("the session shows no pictures", "start one that does: `lfpipe up SCENE`")
+    source, record = source_file(state.options.viewer.source), state.options.record
+    inputs = [str(one) for one in (source, record) if one]  # which it must not replace
+    return Reply(
+        executed_by=(SHOWN_BY,),
+        sent={"path": path, "inputs": inputs},
+        then=lambda now, _: Reply(answer={"path": path}, state=now.changed(timeline=path)),
     )
 
 
@@ -233,47 +246,29 @@ def _viewer(state: SessionState, message: Message, _t_ns: int) -> Reply:
     if not has_eyes(state):
         raise UserError("no eyes are in use: the scene is a single view", "load another scene")
     if source != MouseViewer.source:
-        values = converter().unstructure(state.config.camera)
-        check = FileCheck(check="viewer", path=source or "camera", source=source, values=values)
-        return Reply(check=check)
+        new = state.changed(viewer=CameraViewer(source=source))
+        return Reply(state=new, executed_by=(SOURCE,), then=partial(_found, source))
     if options.lock_code:
         raise UserError("this session has no mouse", "choose a camera, or demo")
     return Reply(answer={"source": source}, state=state.changed(viewer=MouseViewer()))
 
 
+def _found(source: str, state: SessionState, answers: Mapping[str, Message]) -> Reply:
+    """The reply once a source works, with what it is."""
+    if state.options.viewer.source != source:
+        raise UserError("another viewer was chosen meanwhile", "choose again")
+    viewer = converter().structure(answers[SOURCE], CameraViewer)
+    return Reply(answer={"source": viewer.source}, state=state.changed(viewer=viewer))
+
+
 def _keep(state: SessionState, message: Message, _t_ns: int) -> Reply:
-    """Saves settings for later sessions in the user's file, the depth order of the scene, or the
-    measured focal length of the camera.
-    """
-    if "focal_px" in message:
-        return _keep_focal(state, message["focal_px"])
-    depth = message.get("depth")
-    scene = state.options.scene
-    if "depth" in message:
-        if depth not in DEPTHS or scene is None:
-            raise BadMessage(f"keep: depth is {', '.join(DEPTHS)}, of the scene on the screen")
-        return Reply(check=FileCheck(check="keep depth", path=scene.pack, values={"depth": depth}))
-    section, values = message.get("section"), message.get("values")
-    if not isinstance(section, str) or not isinstance(values, dict) or not values:
-        raise BadMessage("keep needs a section and a map of keys and values, or a depth")
-    config_module.updated(state.config, {f"{section}.{key}": values[key] for key in values})
-    path = str(config_module.user_file())
-    return Reply(check=FileCheck(check="keep", path=path, section=section, values=values))
-
-
-def _keep_focal(state: SessionState, focal_px: Any) -> Reply:
+    """Applies the focal length of the camera, which the window has measured and saved."""
+    focal_px = message.get("focal_px")
     if not _is_positive(focal_px):
         raise BadMessage(f"keep: focal_px {focal_px!r:.100} is not a number of px")
     _check_camera(state)
-    width_px = state.config.camera.frame_px[0]
-    user_files.check_focal(focal_px, width_px)
-    check = FileCheck(
-        check="keep focal",
-        path=str(user_files.camera_file()),
-        source=state.options.viewer.source,
-        values={"focal_px": focal_px, "width_px": width_px},
-    )
-    return Reply(check=check)
+    config = config_module.updated(state.config, {"camera.focal_px": focal_px})
+    return Reply(answer={"focal_px": focal_px}, state=state.changed(config))
 
 
 def _costs(state: SessionState, message: Message, _t_ns: int) -> Reply:
@@ -286,43 +281,6 @@ def _costs(state: SessionState, message: Message, _t_ns: int) -> Reply:
         raise BadMessage("costs needs `ns_per_px` by method, `picture_px` and `cores`")
     costs = converter().structure(message, DrawingCosts)
     return Reply(state=state.with_costs(costs))
-
-
-def _folder(_state: SessionState, message: Message, _t_ns: int) -> Reply:
-    """Lists a folder for the page that opens scenes."""
-    path = message.get("path", START)
-    if not isinstance(path, str) or not (_absolute(path) or path == START):
-        raise BadMessage("folder needs an absolute path, or none for the first one")
-    return Reply(check=FileCheck(check="folder", path=path))
-
-
-def respond_checked(state: SessionState, message: Message, result: Message, t_ns: int) -> Reply:
-    """The reply to a request after its files were checked.
-
-    The state may have changed meanwhile. Raises like `respond`.
-    """
-    if message["cmd"] == "viewer":
-        _viewer(state, message, t_ns)
-        viewer = CameraViewer(
-            source=result["source"],
-            rate_hz=result["rate_hz"],
-            jpeg_px=tuple(result["jpeg_px"]) if result["jpeg_px"] else None,
-        )
-        return Reply(answer={"source": viewer.source}, state=state.changed(viewer=viewer))
-    if message["cmd"] == "folder":
-        return Reply(answer=result)
-    if message["cmd"] == "keep":
-        new = None
-        if "focal_px" in message:
-            camera = {"camera.focal_px": message["focal_px"]}
-            new = state.changed(config_module.updated(state.config, camera))
-        return Reply(answer={key: message[key] for key in KEPT if key in message}, state=new)
-    respond(state, message, t_ns)  # another client may have started one
-    if message["cmd"] not in HANDLERS:
-        return _plugged(message["cmd"]).respond_checked(state, message, result)
-    option, _, _ = OUTPUTS[message["cmd"]]
-    path = message["path"]
-    return Reply(answer={"path": path}, state=state.changed(**{option: path}))
 
 
 def _check_eyes(state: SessionState) -> None:
@@ -446,7 +404,6 @@ HANDLERS: dict[str, Handler] = {
     "record": _output,
     "viewer": _viewer,
     "keep": _keep,
-    "folder": _folder,
     "costs": _costs,
     "stop": lambda _state, _message, _t_ns: Reply(stop=True),
 }

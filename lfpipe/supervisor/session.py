@@ -28,12 +28,11 @@ from lfpipe.host.processes import usable_cores
 from lfpipe.notices import Fault, faults
 from lfpipe.scene.open_scene import Packing
 from lfpipe.supervisor import child, process_table, rundir
-from lfpipe.supervisor.check_service import CheckEvent, FileChecks
 from lfpipe.supervisor.control_sockets import ControlSockets, PendingAnswers, Request
 from lfpipe.supervisor.governor import QualityControl
 from lfpipe.supervisor.metrics import SessionMetrics, session_metrics
 from lfpipe.supervisor.process_table import NAMES, SHOWN_BY, SOURCE, STAGES, TRACKED_BY, Stage
-from lfpipe.supervisor.requests import Reply, on_complete, on_load, respond, respond_checked
+from lfpipe.supervisor.requests import Reply, on_complete, on_load, respond
 from lfpipe.supervisor.scene_loads import SceneEvent, SceneLoads, ScenePreviews
 from lfpipe.supervisor.session_state import SessionState, SessionStore, Trial
 from lfpipe.supervisor.stage_process import (
@@ -133,7 +132,6 @@ class LiveSession:
                 closing(SceneLoads(show, sockets.connections, packing))
             )
             self._previews = parts.enter_context(closing(ScenePreviews(show)))
-            self._checks = parts.enter_context(closing(FileChecks(sockets.connections)))
             ask_to_stop = partial(sockets.send, message={"cmd": "stop"})
             self.stages = parts.enter_context(
                 closing(StageProcesses(session, table, self._spec, ask_to_stop, self.notify))
@@ -182,12 +180,7 @@ class LiveSession:
         self._watch_faults()
         self._adapt_quality()
         self._watch_idle()
-        for messages in (
-            self._take_messages,
-            self._take_scenes,
-            self._previews.read,
-            self._take_checks,
-        ):
+        for messages in (self._take_messages, self._take_scenes, self._previews.read):
             try:
                 messages()
             except Exception as error:  # their content comes from outside
@@ -198,7 +191,7 @@ class LiveSession:
     def _poll(self) -> None:
         """Sleeps until a descriptor can be read, or something is due."""
         poller = zmq.Poller()
-        for part in (self.stages, self._sockets, self._loads, self._previews, self._checks):
+        for part in (self.stages, self._sockets, self._loads, self._previews):
             for fd in part.fds:
                 poller.register(fd, zmq.POLLIN)
         waits_ns = [IDLE_TICK_NS if self.state.idle else TICK_NS]
@@ -246,8 +239,7 @@ class LiveSession:
         state = self.state
         mistake = process.mistake() if code == child.EXIT_USER else None
         if self._trial.to_blame(state, code, int(row["config_rev"]) >= state.rev):
-            why = f"{mistake.message} ({mistake.remedy})" if mistake else f"{name} fails with it"
-            self._undo(name, why)
+            self._undo(name, mistake or UserError(f"{name} fails with it"))
             return
         first = not row["seq"]  # it has never worked
         # later in a live session, the missing thing may return
@@ -282,14 +274,16 @@ class LiveSession:
     def _fail(self, reason: str, failure: str, remedy: str) -> None:
         self._end(Outcome(kind=EndKind.FAILURE, reason=reason, failure=failure, remedy=remedy))
 
-    def _undo(self, stage: str, why: str) -> None:
+    def _undo(self, stage: str, error: UserError) -> None:
         """Undoes the newest change, on which a stage failed.
 
         This does not count as a failure of the stage: `ctl set` must not end a session.
         """
         self._apply(self.state.rolled_back())
-        for request, answer in self._pending.refuse_changes(why):
+        refusal = {"error": error.message, "remedy": error.remedy}
+        for request, answer in self._pending.refuse_changes(refusal):
             self._answer(request, answer)
+        why = f"{error.message} ({error.remedy})" if error.remedy else error.message
         self._sockets.publish("refused", stage=stage, why=why)
         self.notify(f"the last change is rolled back: {why}")
 
@@ -502,22 +496,38 @@ class LiveSession:
         """Executes a reply; answers now, or when it is done."""
         if reply.silent:
             return
-        if reply.check is not None:
-            self._checks.begin(request, reply.check)
-        elif reply.load is not None:
+        if reply.load is not None:
             if replaced := self._loads.want(request, reply.load):
                 self._answer(replaced, REPLACED)
         elif reply.executed_by:
-            number = self._pending.await_stages(request, reply.executed_by, now_ns())
-            for stage in reply.executed_by:  # nothing else of the request reaches a stage
-                command = {"cmd": request.command, "number": number, **reply.sent}
-                self._sockets.send(stage, command)
+            self._command(request, reply)
         else:
             self._answer_applied(request, reply)
         if reply.stop:
             closed = request.sender == SHOWN_BY
             reason = "the window was closed" if closed else "stopped by command"
             self._end(Outcome(kind=EndKind.REQUEST, reason=reason))
+
+    def _command(self, request: Request, reply: Reply) -> None:
+        """Lets stages execute a request: those that run by a message, and those that start with the
+        state of the reply by their `StageSpec`.
+        """
+        before, then = self.state, reply.then
+        if reply.state is not None:
+            self._apply(reply.state)
+        number = self._pending.await_stages(
+            request,
+            reply.executed_by,
+            now_ns(),
+            reply.answer,
+            starts=reply.state is not None,
+            on_trial=self.state.replaces_basis_of(before),
+            then=then and (lambda answers: then(self.state, answers)),
+        )
+        if reply.state is None:
+            for stage in reply.executed_by:  # nothing else of the request reaches a stage
+                command = {"cmd": request.command, "number": number, **reply.sent}
+                self._sockets.send(stage, command)
 
     def _answer_applied(self, request: Request, reply: Reply) -> None:
         """Stores the state of a reply, and answers once the stages have applied it."""
@@ -551,16 +561,6 @@ class LiveSession:
         assert event.request is not None
         return on_load(self.state, event.request.message, event.scene, event.scenes)
 
-    def _take_checks(self) -> None:
-        """Goes on with requests whose files are checked."""
-        for event in self._checks.events():
-            self._respond(event.request, partial(self._checked, event))
-
-    def _checked(self, event: CheckEvent) -> Reply:
-        if isinstance(event.result, Exception):
-            raise event.result
-        return respond_checked(self.state, event.request.message, event.result, now_ns())
-
     def _deliver(self) -> None:
         """Sends a new state to the stages, and the answers that waited for them."""
         if new_state := self._store.take_message():
@@ -569,8 +569,13 @@ class LiveSession:
         def applied(rev: int) -> bool:
             return self.stages.have_applied(rev, self.state.options)
 
-        for request, answer in self._pending.due(applied, now_ns()):
-            self._answer(request, answer)
+        for request, answer, then in self._pending.due(applied, now_ns()):
+            if then is None:
+                self._answer(request, answer)
+            else:
+                before = self.state.options.viewer.source
+                self._respond(request, partial(then, answer.get("stages", {})))
+                self.stages.name_source(before, self.state.options.viewer.source)
 
     # what others see
 
@@ -600,6 +605,7 @@ class LiveSession:
             ),
             source=SOURCE,
             cpus=self._cpus.get(stage.name, ()),
+            request=self._pending.number_for(stage.name),
         )
 
     def metrics(self) -> SessionMetrics:

@@ -54,7 +54,7 @@ class StageProcess:
         self.next_start_ns = 0
         self.failures: deque[int] = deque(maxlen=MAX_FAILURES)
         self.lossless = False
-        self._source = ""  # of the viewer that it was started for
+        self.source = ""  # of the viewer that it was started for
         self._killed = False  # killed for a hang, but not ended yet
         self._checked_ns = self._awake_ns = 0
         self._waited_ns: int | None = None  # for a core, when it fell silent
@@ -65,7 +65,7 @@ class StageProcess:
 
     def fits(self, options: SessionOptions) -> bool:
         """Whether it may go on with these options: it is needed, and for the same viewer."""
-        same = not (self.alive and self.stage.of_viewer) or self._source == options.viewer.source
+        same = not (self.alive and self.stage.of_viewer) or self.source == options.viewer.source
         return same and self.stage.needed(options)
 
     def start(self, spec: StageSpec) -> None:
@@ -84,7 +84,7 @@ class StageProcess:
         self.row["state"] = State.STARTING
         self.row["started_ns"] = self._checked_ns
         self._killed = False
-        self._source = spec.options.viewer.source
+        self.source = spec.options.viewer.source
         self.lossless = isinstance(spec.options.clock, Lossless)
         with signals.blocked():
             self.process = Child(python("lfpipe.supervisor.child"), child.start_line(spec))
@@ -288,6 +288,12 @@ class StageProcesses:
         rows = [process.row for process in self if process.alive]
         done = all(int(row["source_seq"]) >= last or row["state"] in ENDED for row in rows)
         return done or now_ns() - self._drain_since_ns > DRAIN_NS
+
+    def name_source(self, before: str, now: str) -> None:
+        """The source of the viewer has another name now: no stage starts again for it."""
+        for process in self:
+            if process.source == before:
+                process.source = now
 
     def needed(self, options: SessionOptions, or_alive: bool = False) -> list[StageProcess]:
         """The stages that a session with these options needs, running or not.

@@ -9,6 +9,7 @@ from typing import Any
 import zmq
 
 from lfpipe.config import Snapshot, converter
+from lfpipe.errors import UserError
 from lfpipe.host.processes import usable_cores
 from lfpipe.host.wake import Wake, readable
 from lfpipe.transport import control, status
@@ -148,12 +149,14 @@ class Context:
         self._ctl.send(control.encode({"cmd": word, **values}))
         self._used = True
 
-    def answer(self, command: control.Message, error: str = "", **result: Any) -> None:
-        """Answers a command of `commands` once it is executed: its client receives the result, or
-        the error.
-        """
-        answer = {"ok": False, "error": error} if error else {"ok": True, **result}
-        self.request(control.EXECUTED, number=command.get("number", 0), **answer)
+    def answer(self, command: control.Message, **result: Any) -> None:
+        """Answers a command of `commands` once it is executed: its client receives the result."""
+        self.request(control.EXECUTED, number=command.get("number", 0), ok=True, **result)
+
+    def refuse(self, command: control.Message, error: UserError) -> None:
+        """Answers a command that cannot be executed."""
+        result = {"error": error.message, "remedy": error.remedy}
+        self.request(control.EXECUTED, number=command.get("number", 0), ok=False, **result)
 
     def ack_config(self) -> None:
         """Acknowledges the current `config`, `options` and `paused`."""

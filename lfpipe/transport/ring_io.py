@@ -69,6 +69,8 @@ class StageSpec:
     """The stage that makes frames."""
     cpus: tuple[int, ...] = ()
     """Cores to run on; empty: all."""
+    request: int = 0
+    """The number of the request that it answers once it can do its work; 0: of none."""
 
     def ring_index(self, name: str) -> int:
         """The index of a ring's credit in a status row."""

@@ -167,13 +167,13 @@ def _tree(root: Path) -> tuple[Path, Menu, Menu]:
     (shelf / "clip.mp4").write_bytes(b"no video")
     (shelf / "notes.txt").write_text("no scene")
     views = sorted(path.name for path in scene.iterdir() if path.suffix == ".png")
-    return shelf, folder_menu(shelf, ["box"], ["clip.mp4"], 0), folder_menu(scene, [], views, 0)
+    return shelf, folder_menu(shelf, ["box"], ["clip.mp4"]), folder_menu(scene, [], views)
 
 
 @needs_xdotool
 def test_a_scene_is_opened_from_a_folder_by_the_mouse_alone(world: World, pages: Pages) -> None:
     shelf, outer, inner = _tree(world.root)
-    root = folder_menu(world.root, *_listed(world.root), 0)  # where the scene on the screen lies
+    root = folder_menu(world.root, *_listed(world.root))  # where the scene on the screen lies
     finger = pages.finger
     finger.use_bar("open")
     finger.touch(pages.folder(root), "enter-folder", str(shelf))
@@ -189,7 +189,7 @@ def test_a_scene_is_opened_from_a_folder_by_the_mouse_alone(world: World, pages:
 def test_a_scene_is_opened_from_a_folder_by_keys_alone(world: World, pages: Pages) -> None:
     _, outer, inner = _tree(world.root)
     folders, files = _listed(world.root)
-    root = folder_menu(world.root, folders, files, 0)
+    root = folder_menu(world.root, folders, files)
     world.xdotool("key", "l")
     pages.folder(root)
     world.xdotool("key", *["Right"] * (2 + folders.index("shelf") - root.at), "Return")

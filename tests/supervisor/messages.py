@@ -1,25 +1,13 @@
 """What the supervisor refuses, and how it says so."""
 
 from collections.abc import Callable
-from contextlib import closing
 from pathlib import Path
 
 from lfpipe.config.modes import NoViewer
 from lfpipe.supervisor import rundir
-from lfpipe.supervisor.check_service import FileChecks
-from lfpipe.supervisor.control_sockets import Request
-from lfpipe.supervisor.file_checks import FileCheck
 from lfpipe.supervisor.requests import respond
 from lfpipe.transport.session import Session
 from tests.supervisor.states import made_state
-
-
-def checked_twice(here: Path) -> None:
-    request = Request(b"client", message={"cmd": "record"})
-    with closing(FileChecks(set)) as checks:
-        for name in ("a", "b"):
-            checks.begin(request, FileCheck(check="record", path=str(here / name)))
-
 
 MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
     "a session that does not run": (
@@ -36,10 +24,6 @@ MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
     "a second recording": (
         lambda here: respond(made_state(record="/theirs"), {"cmd": "record", "path": "/mine"}, 0),
         "a recording to /theirs is already running\n  remedy: end it with `lfpipe ctl record stop`",
-    ),
-    "a request while the one before is checked": (
-        checked_twice,
-        "another record request is being checked\n  remedy: try again in a second",
     ),
     "no timeline to stop": (
         lambda here: respond(made_state(), {"cmd": "trace", "path": ""}, 0),

@@ -1,13 +1,22 @@
 """`PendingAnswers`: recipients and times of answers, without a socket or a clock."""
 
-from lfpipe.supervisor.control_sockets import APPLY_NS, EXECUTE_NS, PendingAnswers, Request
+from collections.abc import Mapping
+from typing import Any
+
+from lfpipe.supervisor.control_sockets import (
+    APPLY_NS,
+    EXECUTE_NS,
+    START_NS,
+    PendingAnswers,
+    Request,
+)
 
 FIRST, SECOND, THIRD = Request(b"first"), Request(b"second"), Request(b"third")
 
 
 def answers(pending: PendingAnswers, applied_rev: int, t_ns: int) -> list[tuple[bytes, object]]:
     due = pending.due(lambda rev: rev <= applied_rev, t_ns)
-    return [(request.client, answer.get("applied", answer["ok"])) for request, answer in due]
+    return [(request.client, answer.get("applied", answer["ok"])) for request, answer, _ in due]
 
 
 def test_pending_answers_await_a_revision() -> None:
@@ -24,7 +33,8 @@ def test_pending_answers_refuse_only_what_is_undone() -> None:
     pending.await_revision(FIRST, {"ok": True}, 4, 0, True)
     pending.await_revision(SECOND, {"ok": True}, 5, 0, False)
     pending.await_stages(THIRD, ("render",), 0)
-    assert list(pending.refuse_changes("why")) == [(FIRST, {"ok": False, "error": "why"})]
+    refused = {"ok": False, "error": "why"}
+    assert list(pending.refuse_changes({"error": "why"})) == [(FIRST, refused)]
     assert answers(pending, 6, 1) == [(b"second", True)] and pending
 
 
@@ -38,7 +48,8 @@ def test_pending_answers_await_all_stages() -> None:
     assert answers(pending, 0, EXECUTE_NS) == []
     pending.executed("track", {"v": 2, "cmd": "executed", "number": number, "ok": True})
     assert (
-        list(pending.due(bool, 1)) == [(FIRST, {"ok": True, "stages": {"render": {"path": "/x"}}})]
+        list(pending.due(bool, 1))
+        == [(FIRST, {"ok": True, "stages": {"render": {"path": "/x"}}}, None)]
         and not pending
     )
 
@@ -48,7 +59,25 @@ def test_pending_answers_name_a_stage_that_fails_or_is_silent() -> None:
     number = pending.await_stages(FIRST, ("render", "track"), 0)
     pending.executed("render", {"number": number, "ok": False, "error": "no room"})
     pending.executed("track", {"number": number, "ok": True})
-    assert list(pending.due(bool, 1)) == [(FIRST, {"ok": False, "error": "no room"})]
+    assert list(pending.due(bool, 1)) == [(FIRST, {"ok": False, "error": "no room"}, None)]
     pending.await_stages(SECOND, ("render",), 0)
-    ((_, answer),) = pending.due(bool, EXECUTE_NS + 1)
+    ((_, answer, _),) = pending.due(bool, EXECUTE_NS + 1)
     assert answer["ok"] is False and answer["error"].startswith("render did not execute it")
+
+
+def test_a_stage_that_starts_for_a_request_answers_it_by_its_number() -> None:
+    pending = PendingAnswers()
+
+    def then(answers: Mapping[str, Any]) -> str:
+        return str(answers["capture"]["source"])
+
+    first = pending.await_stages(FIRST, ("capture",), 0, {}, starts=True, then=then)
+    pending.await_stages(SECOND, ("capture",), 0)  # by a message
+    assert (pending.number_for("capture"), pending.number_for("track")) == (first, 0)
+    assert [request for request, _, _ in pending.due(bool, EXECUTE_NS + 1)] == [SECOND]
+    pending.executed("capture", {"number": first, "ok": True, "source": "demo"})
+    ((request, answer, made),) = pending.due(bool, START_NS)
+    assert request == FIRST and made is not None and made(answer["stages"]) == "demo"
+    first = pending.await_stages(FIRST, ("record",), 0, {}, starts=True, then=then)
+    pending.executed("record", {"number": first, "ok": False, "error": "no room"})
+    assert list(pending.due(bool, 1)) == [(FIRST, {"ok": False, "error": "no room"}, None)]

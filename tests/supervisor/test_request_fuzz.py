@@ -52,7 +52,6 @@ def valid(scene: Path) -> list[Message]:
         {"cmd": "keep", "section": "render", "values": {"swap_eyes": False}},
         {"cmd": "keep", "depth": "asked"},
         {"cmd": "keep", "focal_px": 600.0},
-        {"cmd": "folder", "path": str(scene)},
         {"cmd": "costs", "ns_per_px": {"warp": 7.0}, "picture_px": 512, "cores": 2},
         {"cmd": "executed", "number": 1, "ok": True, "error": "", "path": "/x"},
         {"cmd": "share", "start": "osc:127.0.0.1:9", "stop": ""},

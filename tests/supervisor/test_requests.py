@@ -10,13 +10,11 @@ import attrs
 import pytest
 from hypothesis import given, settings
 
-from lfpipe.config import Scene, SceneSummary, user_file
+from lfpipe.config import Scene, SceneSummary
 from lfpipe.config.modes import CameraViewer, MouseViewer, NoViewer, Window
-from lfpipe.config.user_files import camera_file
 from lfpipe.errors import UserError
 from lfpipe.render.ui.actions import ACTIONS
 from lfpipe.scene.open_scene import PackerRequest
-from lfpipe.supervisor.file_checks import START, FileCheck
 from lfpipe.supervisor.process_table import SCORER
 from lfpipe.supervisor.requests import (
     REMOTE_ACTIONS,
@@ -25,12 +23,11 @@ from lfpipe.supervisor.requests import (
     on_complete,
     on_load,
     respond,
-    respond_checked,
 )
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport import control
 from lfpipe.transport.control import BadMessage
-from tests.supervisor.states import SCENE, VIEWER, made_state, messages
+from tests.supervisor.states import SCENE, made_state, messages
 from tests.support.refusal import refusal
 
 ROOT = Path(__file__).parents[2]
@@ -114,11 +111,7 @@ REFUSED: list[tuple[str, Message, str, list[Message]]] = [
     ("record", {}, "absolute path", [{"path": "r"}, {"path": 5}]),
     ("record", {"viewer": NoViewer()}, "single view", [{"path": "/r"}]),
     ("trace", {}, "absolute path", [{"path": "t"}, {}]),
-    ("keep", {}, "needs a section", [{}, {"section": "render"}, {"values": {"method": "warp"}}]),
-    ("keep", {}, "unknown key", [{"section": "render", "values": {"x": 1}}]),
-    ("keep", {}, "out of range", [{"section": "render", "values": {"alpha_px": -1}}]),
-    ("keep", {}, "depth is", [{"depth": "perhaps"}, {"depth": None}, {"depth": []}]),
-    ("keep", {"scene": None}, "depth is", [{"depth": "yes"}]),
+    ("trace", {"show": False}, "no pictures", [{"path": "/t"}]),
     (
         "costs",
         {},
@@ -135,9 +128,7 @@ REFUSED: list[tuple[str, Message, str, list[Message]]] = [
         ],
     ),
     ("keep", {}, "not a number of px", [{"focal_px": wrong} for wrong in ("auto", -1, True, None)]),
-    ("keep", {}, "not stored", [{"focal_px": 60.0}, {"focal_px": 2000.0}]),
     ("keep", {"viewer": MouseViewer()}, "no camera is in use", [{"focal_px": 600.0}]),
-    ("folder", {}, "absolute path", [{"path": wrong} for wrong in ("x", "", 5, "/x\0", None)]),
 ]
 
 
@@ -174,25 +165,29 @@ def test_respond_load_takes_a_path_a_number_or_a_step(words: Message, path: str)
         assert reply == Reply(load=asked)
 
 
-@pytest.mark.parametrize(
-    ("message", "check"),
-    [
-        ({"cmd": "trace", "path": "/t"}, {"path": "/t", "source": "demo"}),
-        ({"cmd": "record", "path": "/r"}, {"path": "/r", "source": "demo"}),
-    ],
-)
-def test_respond_has_outputs_checked_by_a_child(message: Message, check: Message) -> None:
-    for viewer in (VIEWER, MouseViewer()):
-        reply = respond(made_state(viewer=viewer), message, 0)
-        asked = {**check, "check": message["cmd"], "source": viewer.source}
-        assert reply == Reply(check=FileCheck(**asked))
+def test_the_stage_that_opens_a_file_executes_the_request() -> None:
+    for viewer, inputs in ((CameraViewer(source="file:/v.mp4"), ["/v.mp4"]), (MouseViewer(), [])):
+        state = made_state(viewer=viewer)
+        trace = respond(state, {"cmd": "trace", "path": "/t"}, 0)
+        assert (trace.executed_by, trace.state) == (("render",), None)
+        assert trace.sent == {"path": "/t", "inputs": inputs} and trace.then is not None
+        then = trace.then(state, {})
+        assert then.answer == {"path": "/t"} and then.state == state.changed(timeline="/t")
+        record = respond(state, {"cmd": "record", "path": "/r"}, 0)
+        assert record.executed_by == ("record",) and record.answer["path"] == "/r"
+        assert record.state == state.changed(record="/r") or "packets" in str(record.state)
 
 
 @pytest.mark.parametrize(
-    ("options", "message", "result", "answer", "changed"),  # result: of the child
+    ("options", "message", "result", "answer", "changed"),  # result: of the packer
     [
-        ({}, {"cmd": "record", "path": "/r"}, {}, {"path": "/r"}, {"record": "/r"}),
-        ({}, {"cmd": "trace", "path": "/t"}, {}, {"path": "/t"}, {"timeline": "/t"}),
+        (
+            {},
+            {"cmd": "record", "path": "/r"},
+            None,
+            {"path": "/r", "applied": True},
+            {"record": "/r"},
+        ),
         (LIST, {"cmd": "load", "scene": "/b"}, SCENE, {"pack": SCENE.pack}, {"playlist_at": 1}),
         (LIST, {"cmd": "load", "step": 1}, SCENE, {"pack": SCENE.pack}, {"playlist_at": 0}),
         (LIST, {"cmd": "load", "scene": "/x"}, SCENE, {"pack": SCENE.pack}, {"playlist_at": 2}),
@@ -209,17 +204,12 @@ def test_respond_has_outputs_checked_by_a_child(message: Message, check: Message
 def test_respond_changes_the_option_that_is_named(
     options: Message,
     message: Message,
-    result: Message | SceneSummary | None,
+    result: SceneSummary | None,
     answer: Message,
     changed: Message,
 ) -> None:
     state = made_state(**options)
-    if result is None:
-        reply = respond(state, message, 0)
-    elif isinstance(result, SceneSummary):
-        reply = on_load(state, message, result)
-    else:
-        reply = respond_checked(state, message, result, 0)
+    reply = respond(state, message, 0) if result is None else on_load(state, message, result)
     assert reply.answer == answer and reply.state is not None
     after, before = attrs.asdict(reply.state.options), attrs.asdict(state.options)
     assert {key: after[key] for key in changed} == changed
@@ -228,40 +218,12 @@ def test_respond_changes_the_option_that_is_named(
     )
 
 
-def test_only_the_window_keeps_settings_and_lists_folders() -> None:
-    keep = {"cmd": "keep", "section": "render", "values": {"swap_eyes": True}}
-    for message in (keep, {"cmd": "folder", "path": "/f"}):
-        for sender in ("", "track", "monitor"):
-            with pytest.raises(BadMessage, match="only the window"):
-                respond(made_state(), message, 0, sender)
-    check = FileCheck(
-        check="keep", path=str(user_file()), section="render", values={"swap_eyes": True}
-    )
-    assert respond(made_state(), keep, 0, "render") == Reply(check=check)
-    answer = {"section": "render", "values": {"swap_eyes": True}}
-    assert respond_checked(made_state(), keep, {}, 0) == Reply(answer=answer)
-    depth = {"cmd": "keep", "depth": "yes"}
-    check = FileCheck(check="keep depth", path=SCENE.pack, values={"depth": "yes"})
-    assert respond(made_state(), depth, 0, "render") == Reply(check=check)
-    assert respond_checked(made_state(), depth, {}, 0) == Reply(answer={"depth": "yes"})
-
-
-def test_a_folder_is_listed_by_a_child() -> None:
-    for more, path in (({}, START), ({"path": "/f"}, "/f")):
-        message = {"cmd": "folder", **more}
-        check = FileCheck(check="folder", path=path)
-        assert respond(made_state(), message, 0, "render") == Reply(check=check)
-        found = {"path": "/f", "folders": [], "files": ["a.mp4"], "more": 0}
-        assert respond_checked(made_state(), message, found, 0) == Reply(answer=found)
-
-
-def test_a_measured_camera_is_stored_by_a_child_and_then_in_use() -> None:
+def test_only_the_window_applies_a_measured_focal_length() -> None:
     message = {"cmd": "keep", "focal_px": 612.5}
-    values = {"focal_px": 612.5, "width_px": 640}
-    path = str(camera_file())
-    check = FileCheck(check="keep focal", path=path, source="demo", values=values)
-    assert check.writes and respond(made_state(), message, 0, "render") == Reply(check=check)
-    reply = respond_checked(made_state(), message, {}, 0)
+    for sender in ("", "track", "monitor"):
+        with pytest.raises(BadMessage, match="only the window"):
+            respond(made_state(), message, 0, sender)
+    reply = respond(made_state(), message, 0, "render")
     assert reply.answer == {"focal_px": 612.5} and reply.state is not None
     assert reply.state.config.camera.focal_px == 612.5
 
@@ -295,20 +257,21 @@ def test_viewer_is_not_exchanged_where_there_is_none(state: SessionState, why: s
         respond(state, {"cmd": "viewer", "source": "mouse"}, 0)
 
 
-def test_viewer_is_exchanged_by_the_mouse_and_after_a_check_by_a_camera() -> None:
+def test_viewer_is_exchanged_by_the_mouse_and_by_a_camera_that_capture_opens() -> None:
     state = made_state(display=Window())
     by_mouse = respond(state, {"cmd": "viewer", "source": "mouse"}, 0).state
     assert by_mouse is not None and by_mouse.options.viewer == MouseViewer()
-    message = {"cmd": "viewer", "source": "camera:0"}
-    checked = respond(by_mouse, message, 0).check
-    assert checked is not None and (checked.check, checked.source) == ("viewer", "camera:0")
-    found = {"source": "camera:/dev/video0", "rate_hz": 30.0, "jpeg_px": [640, 480]}
-    by_camera = respond_checked(by_mouse, message, found, 0).state
-    assert by_camera is not None
-    assert by_camera.options.viewer == CameraViewer(
-        source="camera:/dev/video0", rate_hz=30.0, jpeg_px=(640, 480)
-    )
-    assert by_camera.rolled_back().options.viewer == state.options.viewer
+    reply = respond(by_mouse, {"cmd": "viewer", "source": "camera:0"}, 0)
+    assert reply.executed_by == ("capture",) and reply.then is not None and reply.state is not None
+    assert reply.state.options.viewer == CameraViewer(source="camera:0")
+    assert reply.state.rolled_back().options.viewer == state.options.viewer
+    found = CameraViewer(source="camera:/dev/video0", rate_hz=30.0, jpeg_px=(640, 480), name="C9")
+    answers = {"capture": control.decode(control.encode(attrs.asdict(found)))}
+    then = reply.then(reply.state, answers)
+    assert then.answer == {"source": "camera:/dev/video0"} and then.state is not None
+    assert then.state.options.viewer == found
+    with pytest.raises(UserError, match="meanwhile"):
+        reply.then(by_mouse, answers)
 
 
 def test_a_pointer_of_a_client_looks_where_the_mouse_is_the_viewer() -> None:
@@ -348,12 +311,6 @@ def test_a_client_may_press_some_keys_of_the_window() -> None:
     for wrong in ("quit", ["record"], None):
         with pytest.raises(BadMessage, match="action: name"):
             respond(made_state(), {"cmd": "action", "name": wrong}, 0)
-
-
-def test_respond_checked_respects_what_was_done_meanwhile() -> None:
-    request = {"cmd": "record", "path": "/mine"}
-    refused = refusal(respond_checked, made_state(record="/theirs"), request, {}, 0)
-    assert "a recording to /theirs is already running" in refused.message
 
 
 def test_respond_to_simple_requests() -> None:

@@ -17,9 +17,13 @@ def sent() -> dict[str, set[str]]:
     for _, call in nodes(ast.Call):
         name = ast.unparse(call.func).rpartition(".")[2]
         first = call.args[0] if call.args else None
-        if not isinstance(first, ast.Constant) or name not in ("emit", "_emit", "publish"):
+        if not (isinstance(first, ast.Constant) and isinstance(first.value, str)) or name not in (
+            "emit",
+            "_emit",
+            "publish",
+        ):
             continue
-        topic = str(first.value)
+        topic = first.value
         fields[topic] |= {keyword.arg or "" for keyword in call.keywords}
     return dict(fields)
 

@@ -28,9 +28,7 @@ from lfpipe.plugins import REQUESTS, plugins
 from lfpipe.plugins import STAGES as PLUGGED_STAGES
 from lfpipe.scene.open_scene import PackerRequest, Packing
 from lfpipe.supervisor import metrics, scene_loads, session
-from lfpipe.supervisor.check_service import FileChecks
 from lfpipe.supervisor.control_sockets import ControlSockets, Request
-from lfpipe.supervisor.file_checks import FileCheck
 from lfpipe.supervisor.process_table import METRICS, STAGES
 from lfpipe.supervisor.scene_loads import ScenePreviews
 from lfpipe.transport import control
@@ -117,8 +115,6 @@ def test_wire_format_of_requests_to_children(asked: list[Any]) -> None:
     Packing(PackerRequest(scenes=[Path("/b")], settings=Scene(layout="quilt"), remember=True))
     Packing(PackerRequest(do="info", scenes=[Path("/c")], settings=Scene()))
     ScenePreviews(print).begin(["/a", "/b"], Scene())
-    check = FileCheck(check="other", path="osc:h:1", values={"targets": ("osc:h:1",)})
-    FileChecks(set).begin(Request(b"client", message={"cmd": "other"}), check)
     assert_same("requests to children", json.loads(json.dumps(asked)))
     for step in WIRE["steps of the packer"]:
         packing.on_step(step)

@@ -7,15 +7,14 @@ import click
 
 from lfpipe.cli.plugged import Group
 from lfpipe.cli.sessions import Send
-from lfpipe.extras.share.target import check_targets
-from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S
+from lfpipe.extras.share.target import check_target, new_targets
 
 
 def up(proceed: Callable[..., Any], *, share: tuple[str, ...], **values: Any) -> Any:
     """`lfpipe up` with targets."""
     if not share:
         return proceed(**values)
-    return proceed(**values, extras={"share": check_targets(share)})
+    return proceed(**values, extras={"share": new_targets(share, parse=check_target)})
 
 
 @click.group(cls=Group)
@@ -28,7 +27,7 @@ def share() -> None:
 @click.pass_obj
 def start_share(send: Send, targets: tuple[str, ...]) -> None:
     """Start sharing with each TARGET, as the option `--share` of `lfpipe up`."""
-    send({"cmd": "share", "start": list(targets)}, FILE_CHECK_TIMEOUT_S)
+    send({"cmd": "share", "start": list(new_targets(targets, parse=check_target))})
 
 
 @share.command("stop")

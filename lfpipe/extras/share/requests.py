@@ -1,8 +1,7 @@
 """The control command `share`; the protocol is `supervisor.requests.RequestPlugin`."""
 
 from lfpipe.errors import UserError, quoted
-from lfpipe.extras.share.target import FORMS, MAX_TARGETS, check_targets
-from lfpipe.supervisor.file_checks import FileCheck
+from lfpipe.extras.share.target import FORMS, MAX_TARGETS, new_targets
 from lfpipe.supervisor.requests import Reply, has_eyes
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.control import BadMessage, Message
@@ -40,13 +39,8 @@ def respond(state: SessionState, message: Message, _t_ns: int) -> Reply:
                 "no eyes are tracked: the scene is a single view",
                 "use `lfpipe up --no-picture --share TARGET`",
             )
-        return Reply(
-            check=FileCheck(
-                check=NAME,
-                path=", ".join(start)[:200],
-                values={"targets": tuple(start), "running": running},
-            )
-        )
+        share = (*running, *new_targets(start, running))
+        return Reply(answer={"share": list(share)}, state=_with(state, share))
     if not running:
         raise UserError("nothing is shared", "start it with `lfpipe ctl share start TARGET`")
     named = {target: {target, target.partition("?")[0]} for target in running}
@@ -56,14 +50,3 @@ def respond(state: SessionState, message: Message, _t_ns: int) -> Reply:
         )
     left = tuple(target for target in running if texts and named[target].isdisjoint(texts))
     return Reply(answer={"share": list(left)}, state=_with(state, left))
-
-
-def check(asked: FileCheck) -> Message:
-    """The exact targets. Raises UserError."""
-    return {"targets": list(check_targets(asked.values["targets"], asked.values["running"]))}
-
-
-def respond_checked(state: SessionState, _message: Message, result: Message) -> Reply:
-    """Adds the checked targets; the state may have changed meanwhile."""
-    share = tuple(dict.fromkeys((*state.options.extra(NAME), *result["targets"])))
-    return Reply(answer={"share": list(share)}, state=_with(state, share))

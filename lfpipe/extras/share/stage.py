@@ -12,8 +12,9 @@ import time
 import attrs
 import numpy as np
 
+from lfpipe.errors import UserError
 from lfpipe.extras.share.output import LslOutput, Sample, UdpOutput
-from lfpipe.extras.share.target import Target, parse_target
+from lfpipe.extras.share.target import Target, check_target
 from lfpipe.eyes import EYES, MAX_STEP_NS, SHOWN
 from lfpipe.host.processes import yield_to_others
 from lfpipe.track.head import HeadEstimator
@@ -58,9 +59,9 @@ class Sharer:
 
     def _open(self, text: str) -> None:
         context = self._context
-        target = parse_target(text)
         try:
-            with context.busy_with(f"opening {target.kind}"):
+            with context.busy_with("opening a target"):
+                target = check_target(text)
                 output: UdpOutput | LslOutput
                 if target.kind == "lsl":
                     # liblsl's threads inherit it: many receivers do not delay a picture
@@ -74,10 +75,8 @@ class Sharer:
                     )
                 else:
                     output = UdpOutput(target)
-        except (OSError, ImportError, RuntimeError) as error:
-            context.notify(
-                f"sharing with {target}: cannot be opened: {error}; nothing is sent there"
-            )
+        except (OSError, ImportError, RuntimeError, UserError) as error:
+            context.notify(f"sharing with {text}: cannot be opened: {error}; nothing is sent there")
             context.request("share", stop=[text])
             return
         self._channels[text] = _Channel(

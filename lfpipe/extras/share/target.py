@@ -6,7 +6,7 @@ import contextlib
 import importlib
 import socket
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import attrs
 
@@ -105,14 +105,17 @@ def check_target(text: str) -> Target:
     return target if target.kind == "lsl" else attrs.evolve(target, host=_resolved(text, target))
 
 
-def check_targets(texts: Sequence[str], running: Sequence[str] = ()) -> tuple[str, ...]:
-    """Checks targets to add to those running; returns them in their exact form.
-
-    Raises UserError.
+def new_targets(
+    texts: Sequence[str],
+    running: Sequence[str] = (),
+    parse: Callable[[str], Target] = parse_target,
+) -> tuple[str, ...]:
+    """Targets to add to those running, in their exact form. parse: `check_target` in a program that
+    may wait for a name server. Raises UserError.
     """
     targets = list(running)
     for text in texts:
-        exact = str(check_target(text))
+        exact = str(parse(text))
         if exact.partition("?")[0] in {target.partition("?")[0] for target in targets}:
             raise UserError(f"--share {text}: is a target already", "list each target once")
         targets.append(exact)

@@ -5,6 +5,7 @@ and the measurement itself, which `lfpipe calibrate` shares.
 import math
 from collections import deque
 from collections.abc import Collection, Sequence
+from functools import partial
 
 import attrs
 import cv2
@@ -12,10 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config.camera_pose import camera_focal_px
+from lfpipe.config.modes import CameraViewer
+from lfpipe.config.modes import Viewer as ViewerKind
+from lfpipe.config.user_files import check_focal, keep_focal
 from lfpipe.eyes import EYES, EyesRecord
 from lfpipe.render.display.overlay import Event, Item, Overlay
 from lfpipe.render.presenter import Drawing, Presenter, draw_scene
 from lfpipe.render.synthesis.compositor import Key
+from lfpipe.render.ui.files import Files
 from lfpipe.render.ui.pages import Page
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.transport.context import Context
@@ -159,13 +164,21 @@ def calibration_page(
     return Overlay(lines=(task, state), items=(*distance.items, accept, again), types=True)
 
 
+def _save(viewer: ViewerKind, focal_px: float, width_px: int) -> None:
+    """Stores the focal length of a viewer's camera. Raises UserError."""
+    check_focal(focal_px, width_px)
+    name = viewer.name if isinstance(viewer, CameraViewer) else ""
+    keep_focal(name or viewer.source, focal_px, width_px)
+
+
 class CalibrationPage(Page):
     """The camera's mirrored picture in place of the scene, and the distance to set. Accept asks to
     store the focal length; then the page shows by how much it is off at another distance.
     """
 
-    def __init__(self, context: Context, presenter: Presenter) -> None:
+    def __init__(self, context: Context, presenter: Presenter, files: Files) -> None:
         self._context = context
+        self._files = files
         self._presenter = presenter
         self.distance = Distance(f"{context.options.calibrate_mm or USUAL_MM:g}")
         self._stored_mm = 0.0  # the accepted distance; 0: none yet
@@ -195,7 +208,7 @@ class CalibrationPage(Page):
         self._eyes = StillEyes()
 
     def stored(self) -> None:
-        """Called when the supervisor has stored what was accepted."""
+        """Called when what was accepted is stored and applies."""
         if not self._stored_mm and self._rings:
             self._begin(self.distance.mm + CHECK_MM, self.distance.mm)
 
@@ -208,7 +221,11 @@ class CalibrationPage(Page):
             if self._is_ready and not self._stored_mm:
                 eyes_mm = self._context.config.screen.eyes_mm
                 focal_px = round(self._eyes.median_px * self.distance.mm / eyes_mm, 1)
-                self._context.request("keep", focal_px=focal_px)
+                viewer, width_px = self._context.options.viewer, self._frame.shape[1]
+                self._files.do(
+                    partial(_save, viewer, focal_px, width_px),
+                    lambda _: self._context.request("keep", focal_px=focal_px),
+                )
         elif event == AGAIN.event:
             self._begin(self._stored_mm or self.distance.mm)
         else:

@@ -14,6 +14,7 @@ from lfpipe.render.display.open_display import HINT
 from lfpipe.render.display.overlay import Event, Item, Overlay, Pointer
 from lfpipe.render.presenter import Presenter
 from lfpipe.render.ui.calibration import CalibrationPage
+from lfpipe.render.ui.files import Files
 from lfpipe.render.ui.folders import FolderPage
 from lfpipe.render.ui.keys import CLOSING, DEPTH, bar_items
 from lfpipe.render.ui.notices import (
@@ -60,20 +61,22 @@ class Ui:
         mouse: MouseLook,
         display: Display,
         actions: "Mapping[str, Callable[[Ui, Event], None]]",
+        files: Files,
     ) -> None:
         """actions: event name -> action."""
         self.context = context
         self.viewer = viewer
         self.presenter = presenter
         self.notices = Notices()
-        self.settings = Settings(context, viewer)
+        self.files = files
+        self.settings = Settings(context, viewer, self.notices, files)
         self.scenes = SceneLoader(context, self.notices)
         self.recording = RecordingIndicator(context, self.notices)
         self.scene_page = ScenePage(context)
-        self.folder_page = FolderPage(context)
+        self.folder_page = FolderPage(files)
         self.metrics_page = MetricsPage(context, viewer, presenter)
         self.help_page = Help()
-        self.calibration = CalibrationPage(context, presenter)
+        self.calibration = CalibrationPage(context, presenter, files)
         self.viewer_page = ViewerPage(context)
         self.glasses_question = GlassesQuestion(context)
         self.glasses_test = GlassesTest(context, presenter, self.settings)
@@ -82,7 +85,7 @@ class Ui:
         self._display = display
         self._overlay = Overlay()
         self._actions = actions
-        self._changes = ChangeNotices(context, viewer, self.notices)
+        self._changes = ChangeNotices(context, viewer, self.notices, files)
         first = not context.row["restarts"]
         self.page: Page | None = (
             self.glasses_question if context.options.ask_glasses and first else None
@@ -120,6 +123,8 @@ class Ui:
             for event in events:
                 self._do(event)
             self._set_overlay(t_ns)  # the next key may be for the page that this one opened
+        for error in self.files.serve():
+            self.scenes.refuse(error.message, error.remedy)
         self.pass_on_notices()
         # a larger picture has larger parallax
         if self.viewer.set_width(self._display.width_mm()):
@@ -153,16 +158,12 @@ class Ui:
         """Handles the answer to a request of the window."""
         if answer.cmd == "set":
             self.settings.answered()
-        if answer.cmd == "folder":
-            self.folder_page.show(answer)
         if answer.cmd == "load" or not answer.ok:
             self.scenes.handle(answer)
         elif answer.cmd == "viewer":
             who = viewer_name(self.context.options.viewer)
             self.notices.show("viewer", LOOKING.get(who, f"viewer: {who}"))
-        elif answer.cmd == "keep" and "values" in answer.values:
-            self.notices.show("kept", self.settings.kept_text(answer.values["values"]))
-        elif answer.cmd == "keep" and "focal_px" in answer.values:
+        elif answer.cmd == "keep":
             self.calibration.stored()
 
     def open_page(self, page: Page) -> None:

@@ -1,13 +1,16 @@
 """Notices over the picture, and the lines of key o: rates, latency, depth and the views on show."""
 
+from functools import partial
+
 from lfpipe.config import Render
 from lfpipe.config.modes import CameraViewer, MouseViewer, NoViewer, Window
 from lfpipe.config.modes import Viewer as ViewerKind
 from lfpipe.config.quality import level_number
 from lfpipe.notices import NoticeKind, latency_lines, notices
 from lfpipe.render.synthesis.zero_plane import zero_plane_px
+from lfpipe.render.ui.files import Files
 from lfpipe.render.viewer.viewer import Viewer
-from lfpipe.scene.inverted_depth import undecided
+from lfpipe.scene.inverted_depth import remember, undecided
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.histogram import summary_ms
@@ -132,8 +135,9 @@ def _direction(value: float | str, before: float, up: str, down: str) -> str:
 class ChangeNotices:
     """Shows a notice for each change of settings, scene and quality, from any client."""
 
-    def __init__(self, context: Context, viewer: Viewer, shown: Notices) -> None:
+    def __init__(self, context: Context, viewer: Viewer, shown: Notices, files: Files) -> None:
         self._context = context
+        self._files = files
         self._viewer = viewer
         self._shown = shown
         self._render = context.config.render
@@ -173,7 +177,7 @@ class ChangeNotices:
         on_screen = isinstance(options.display, Window) and not options.lock_code
         if on_screen and undecided(field, self._context.config.scene.invert_depth):
             self._shown.show("depth order", "press d if the depth looks inverted", ASKED_NS)
-            self._context.request("keep", depth="asked")
+            self._files.do(partial(remember, field, "asked"))
 
 
 def standing_notices(context: Context, knows_rows: bool) -> list[str]:

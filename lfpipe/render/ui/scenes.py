@@ -87,12 +87,16 @@ class SceneLoader:
         if answer.values.get("replaced"):
             return
         if not answer.ok:
-            lines = [f"{self._what()}: refused".removeprefix(": ")]
-            for text in (answer.error, answer.remedy):
-                lines += textwrap.wrap(text, LINE_CHARS)[:MAX_LINES]
-            self._notices.show("refused", "\n".join(lines), REFUSED_NS)
+            self.refuse(answer.error, answer.remedy)
         if answer.cmd == "load":
             self._asked = ""
+
+    def refuse(self, error: str, remedy: str) -> None:
+        """Shows a refusal for a while."""
+        lines = [f"{self._what()}: refused".removeprefix(": ")]
+        for text in (error, remedy):
+            lines += textwrap.wrap(text, LINE_CHARS)[:MAX_LINES]
+        self._notices.show("refused", "\n".join(lines), REFUSED_NS)
 
     def report(self, news: Message) -> None:
         """Sets the progress of a load requested by any client, or of the scene on the screen."""

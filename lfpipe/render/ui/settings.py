@@ -1,14 +1,17 @@
-"""Settings that a person changes in the window; the supervisor applies them, and saves those that
-are kept.
+"""Settings that a person changes in the window: the supervisor applies them, the window saves those
+that are kept.
 """
 
-from collections.abc import Collection
+from functools import partial
 from typing import Any
 
 import attrs
 
-from lfpipe.config import Render, choices
+from lfpipe.config import Render, choices, user_file
+from lfpipe.config.user_files import write_keys
 from lfpipe.render.synthesis.zero_plane import zero_plane_px, zero_planes_px
+from lfpipe.render.ui.files import Files
+from lfpipe.render.ui.notices import Notices
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.transport.context import Context
 
@@ -23,8 +26,10 @@ KEPT = {  # key of [render] -> its name in a notice
 class Settings:
     """Requests changes of [render] and of the order of depth."""
 
-    def __init__(self, context: Context, viewer: Viewer) -> None:
+    def __init__(self, context: Context, viewer: Viewer, notices: Notices, files: Files) -> None:
         self._context = context
+        self._notices = notices
+        self._files = files
         self._viewer = viewer
         self._asked: dict[str, Any] = {}  # requested, and not yet applied
         self._unanswered = 0
@@ -52,12 +57,11 @@ class Settings:
     def keep(self, values: dict[str, float | bool | str]) -> None:
         """Saves keys of [render] in the person's settings."""
         if values:
-            self._context.request("keep", section="render", values=values)
-
-    @staticmethod
-    def kept_text(names: Collection[str]) -> str:
-        """The notice for saved keys."""
-        return f"saved for the next session: {', '.join(KEPT.get(name, name) for name in names)}"
+            names = ", ".join(KEPT.get(name, name) for name in values)
+            self._files.do(
+                partial(write_keys, user_file(), "render", values),
+                lambda _: self._notices.show("kept", f"saved for the next session: {names}"),
+            )
 
     def next_mode(self) -> None:
         """Switches to the next colour mode."""

@@ -1,7 +1,7 @@
 """Refusals of targets."""
 
 from lfpipe.config.modes import NoViewer
-from lfpipe.extras.share.target import FORMS, check_target, check_targets
+from lfpipe.extras.share.target import FORMS, check_target, new_targets
 from lfpipe.supervisor.requests import respond
 from tests.supervisor.states import made_state
 from tests.test_messages import Cause
@@ -36,7 +36,7 @@ MESSAGES: dict[str, tuple[Cause, str]] = {
         f"--share 'lsl:a\\nb': a stream's name has 1 to 64 characters … {FORMS}",
     ),
     "twice": (
-        lambda here: check_targets(["lsl", "lsl:lfpipe?rate=60"]),
+        lambda here: new_targets(["lsl", "lsl:lfpipe?rate=60"]),
         "--share lsl:lfpipe?rate=60: is a target already … once",
     ),
     "nothing to share": (
@@ -47,7 +47,7 @@ MESSAGES: dict[str, tuple[Cause, str]] = {
         ),
     ),
     "nine": (
-        lambda here: check_targets([f"osc:127.0.0.1:{9000 + k}" for k in range(9)]),
+        lambda here: new_targets([f"osc:127.0.0.1:{9000 + k}" for k in range(9)]),
         "--share: 9 targets are too many; at most 8 … forward them",
     ),
 }

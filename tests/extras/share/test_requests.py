@@ -1,4 +1,4 @@
-"""The command `share` as pure functions, and its check in a child process."""
+"""The command `share` as pure functions."""
 
 from typing import Any
 
@@ -6,10 +6,9 @@ import attrs
 import pytest
 
 from lfpipe.config.modes import MouseViewer
-from lfpipe.extras.share.requests import check
-from lfpipe.supervisor.file_checks import FileCheck
-from lfpipe.supervisor.requests import Reply, respond, respond_checked
-from tests.supervisor.states import VIEWER, made_state
+from lfpipe.errors import UserError
+from lfpipe.supervisor.requests import Reply, respond
+from tests.supervisor.states import made_state
 from tests.supervisor.test_requests import reply_to
 
 Message = dict[str, Any]
@@ -40,36 +39,26 @@ def test_share_without_targets_lists_them() -> None:
     assert reply == Reply(answer={"share": list(TARGETS)})
 
 
-def test_share_has_targets_checked_by_a_child() -> None:
-    for viewer in (VIEWER, MouseViewer()):
-        state = made_state(viewer=viewer)
-        reply = respond(state, {"cmd": "share", "start": ["/x", "/y"]}, 0)
-        asked = FileCheck(
-            check="share", path="/x, /y", values={"targets": ("/x", "/y"), "running": ()}
-        )
-        assert reply == Reply(check=asked)
-    asked = attrs.evolve(asked, values={"targets": ("osc:localhost:9",), "running": TARGETS})
-    assert check(asked) == {"targets": ["osc:127.0.0.1:9"]}
+def test_share_refuses_targets_that_cannot_be_parsed_or_run_already() -> None:
+    state = made_state(extras={"share": TARGETS}, viewer=MouseViewer())
+    for start, why in ((["/x"], "unknown kind"), (["lsl:lab?rate=30"], "is a target already")):
+        with pytest.raises(UserError, match=why):
+            respond(state, {"cmd": "share", "start": start}, 0)
 
 
 @pytest.mark.parametrize(
-    ("message", "result", "left"),
+    ("message", "left"),
     [
-        (
-            {"start": ["opentrack:h:1"]},
-            {"targets": ["opentrack:10.0.0.1:1"]},
-            (*TARGETS, "opentrack:10.0.0.1:1"),
-        ),
-        ({"stop": ["osc:127.0.0.1:9000"]}, None, ("lsl:lab",)),
-        ({"stop": []}, None, ()),
+        ({"start": ["opentrack:10.0.0.1:1"]}, (*TARGETS, "opentrack:10.0.0.1:1")),
+        ({"stop": ["osc:127.0.0.1:9000"]}, ("lsl:lab",)),
+        ({"stop": []}, ()),
     ],
 )
 def test_share_changes_the_targets_and_nothing_else(
-    message: Message, result: Message | None, left: tuple[str, ...]
+    message: Message, left: tuple[str, ...]
 ) -> None:
     state = made_state(extras={"share": TARGETS, "other": ("x",)})
-    asked = {"cmd": "share", **message}
-    reply = respond(state, asked, 0) if result is None else respond_checked(state, asked, result, 0)
+    reply = respond(state, {"cmd": "share", **message}, 0)
     assert reply.answer == {"share": list(left)} and reply.state is not None
     after, before = attrs.asdict(reply.state.options), attrs.asdict(state.options)
     assert after["extras"] == {"share": left, "other": ("x",)}
