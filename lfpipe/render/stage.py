@@ -73,11 +73,13 @@ from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.control import Message
 from lfpipe.transport.ring import Stamp
+from lfpipe.transport.status import ENDED
 
 if TYPE_CHECKING:
     from lfpipe.render.display.window import OverlayView
 
 logger = logging.getLogger(__name__)
+TRACK = "track"  # the stage that writes the ring "eyes" unless the mouse is the viewer
 SERVE_NS = 100 * MS_NS  # between two checks of the notices of a display without keys
 # without a change, refreshes need no picture; the viewpoint is checked this often for the next
 REST_AFTER_NS, REST_NS = SECOND_NS, SECOND_NS // 2
@@ -482,7 +484,9 @@ class RenderStage:
         viewer = self._options.viewer
         is_mouse = isinstance(viewer, MouseViewer)
         self._eyes.source.forget()
-        self._mouse.set_ring(self._context.output("eyes") if is_mouse else None)
+        if self._mouse.ring is not None:
+            self._context.end_output(self._mouse.ring)
+        self._mouse.exchange(is_mouse)
         self._viewer.exchange(isinstance(viewer, MouseViewer | RecordedEyes))
         self._presenter.redraw()
 
@@ -532,6 +536,9 @@ class RenderStage:
             self._presenter.take_reports()
         self._report_costs()
         self._report_gpu()
+        # a ring has one writer
+        if self._mouse.waits and self._context.table.rows[TRACK]["state"] in ENDED:
+            self._mouse.ring = self._context.output("eyes")
 
     def close(self) -> None:
         """Writes pending outputs and closes the display."""

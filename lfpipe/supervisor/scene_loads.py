@@ -89,10 +89,13 @@ class SceneLoads:
         self._loads = {} if packing is None else {SHOWN: _Load(packing, send)}
 
     def want(self, request: Request, scene: PackerRequest) -> Request | None:
-        """Starts to load a scene; returns the request that it replaces, if any."""
+        """Starts to load a scene; returns the request that it replaces, if any. Raises UserError if
+        no packer can be started; the one that runs then goes on.
+        """
+        load = _Load(Packing(scene), self._send, request)
         replaced = self._loads.get(WANTED)
         self._end(WANTED)
-        self._loads[WANTED] = _Load(Packing(scene), self._send, request)
+        self._loads[WANTED] = load
         return None if replaced is None else replaced.request
 
     @property

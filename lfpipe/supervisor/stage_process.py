@@ -259,9 +259,23 @@ class StageProcesses:
             needed = process.fits(options)
             process.must_run = needed and not self._drain_since_ns
             if process.must_run and not process.alive and now_ns() >= process.next_start_ns:
-                process.start(self._spec(process.stage))
+                self._start(process)
             elif process.alive and not needed:
                 self._ask_to_stop(process.stage.name)
+
+    def _start(self, process: StageProcess) -> None:
+        """Starts a stage, or later if the system has no process or memory to spare now. Raises
+        UserError after too many attempts.
+        """
+        try:
+            process.start(self._spec(process.stage))
+        except OSError as error:
+            process.row["state"] = State.DEAD
+            why = f"{process.stage.name} cannot be started: {error.strerror}"
+            if process.failed():
+                remedy = "end other programs, or raise the limits of processes and memory"
+                raise UserError(why, remedy) from error
+            self._notify(f"{why}; trying again")
 
     def check(self) -> list[tuple[StageProcess, int]]:
         """Kills hung stages, and returns stages that ended unexpectedly, with their exit codes."""

@@ -73,6 +73,11 @@ class Context:
         self._open.append(ring_output)
         return ring_output
 
+    def end_output(self, ring_output: RingOutput) -> None:
+        """Ends writing a ring."""
+        self._open.remove(ring_output)
+        ring_output.close()
+
     def ready(self) -> None:
         """Ends the setup: from now on, a missing heartbeat means a hang. Freezes the current
         objects so that the garbage collector skips them (gc.freeze).

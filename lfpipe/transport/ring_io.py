@@ -236,3 +236,9 @@ class RingOutput:
             int(row["taken_seq"][self._index]) >= needed or int(row["state"]) in ENDED
             for row in self._rows
         )
+
+    def close(self) -> None:
+        """Ends writing: another stage may write the ring from now on."""
+        self.writer.close()
+        for wake in (*self.credits, *(one for one, _ in self._wakes)):
+            wake.close()

@@ -89,7 +89,7 @@ ROW = np.dtype(
         *SPACE,  # for the stage's own metrics
     ]
 )
-PAGE_ROWS = 8  # stages
+PAGE_ROWS = 16  # stages: lfpipe has seven, other packages the rest
 
 # Of the whole session, written by the supervisor: the current level of quality (0 is full), the
 # lowest level, and a description.

@@ -266,3 +266,14 @@ def test_loop_lines_say_whether_the_delay_is_trusted(
 ) -> None:
     monkeypatch.setattr("lfpipe.cli.prepare.detect_monitors", lambda: ("x11", DESK))
     assert re.search(words, "\n".join(device_latency_lines(configured, DEMO, display)))
+
+
+def test_a_window_whose_monitors_are_all_gone_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A KVM switch, or a docking station: there was an IndexError."""
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    with closing(screen_window((64, 48))) as window:
+        before = window.monitor
+        monkeypatch.setattr("lfpipe.render.display.window.monitors", list)
+        pygame.event.post(pygame.Event(pygame.WINDOWDISPLAYCHANGED))
+        window.events()
+        assert window.monitor == before

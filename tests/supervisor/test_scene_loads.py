@@ -4,6 +4,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import attrs
 import pytest
@@ -12,6 +13,7 @@ import zmq
 from lfpipe.config import Scene, SceneSummary
 from lfpipe.errors import UserError
 from lfpipe.scene.open_scene import PackerRequest
+from lfpipe.supervisor import scene_loads
 from lfpipe.supervisor.control_sockets import Request
 from lfpipe.supervisor.scene_loads import SceneEvent, SceneLoads
 from tests.support.world import write_scene
@@ -106,3 +108,15 @@ def test_scene_loads_end_with_their_client(
     loads.want(CLIENT, wanted(scene, settings))
     connections.clear()
     assert loads.events() == [] and not loads.fds
+
+
+def test_a_load_that_cannot_start_leaves_the_one_before(
+    loads: SceneLoads, settings: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its client was never answered."""
+    loads.want(CLIENT, wanted(write_scene(tmp_path / "first", 1, 2), settings))
+    with monkeypatch.context() as patched:
+        patched.setattr(scene_loads, "Packing", Mock(side_effect=UserError("no memory", "end one")))
+        with pytest.raises(UserError, match="no memory"):
+            loads.want(Request(b"other", connection=5), wanted(tmp_path / "second", settings))
+    assert next(event.request for event in events(loads)) == CLIENT

@@ -1,14 +1,18 @@
 """Detection of hung stages, and waits for their end."""
 
+import errno
 import signal
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import psutil
 import pytest
 
+from lfpipe.config import SessionOptions
 from lfpipe.host import signals
 from lfpipe.host.child import Child
 from lfpipe.host.processes import Activity, activity, usable_cores
@@ -20,12 +24,15 @@ from lfpipe.supervisor.stage_process import (
     COMPUTING,
     LIVE_CPU_S,
     LOSSLESS_CPU_S,
+    MAX_FAILURES,
     StageProcess,
+    StageProcesses,
     wait_for_end,
 )
-from lfpipe.transport.clock import MS_NS
+from lfpipe.transport.clock import MS_NS, SECOND_NS
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import ROW, State
+from tests.support.refusal import refusal
 from tests.support.world import stays, until
 
 STAGE = Stage(
@@ -246,3 +253,30 @@ def test_failed_again_starts_later_each_time(
     script.t_ns += 60 * 10**9
     process.failed()
     assert process.next_start_ns - script.t_ns == 10**8
+
+
+def test_a_stage_that_cannot_be_started_is_tried_again_and_then_named(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """It ended the session with a traceback."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    t_ns = [10**12]
+    monkeypatch.setattr(stage_process, "now_ns", lambda: t_ns[0])
+    child = Mock(side_effect=OSError(errno.EAGAIN, "Resource temporarily unavailable"))
+    monkeypatch.setattr(stage_process, "Child", child)
+    monkeypatch.setattr(stage_process, "STAGES", (STAGE,))
+    table: Any = SimpleNamespace(rows={"render": np.zeros((), ROW)})
+    spec: Any = SimpleNamespace(
+        options=SimpleNamespace(viewer=SimpleNamespace(source=""), clock=None), name="render"
+    )
+    monkeypatch.setattr("lfpipe.supervisor.child.start_line", lambda spec: b"")
+    told: list[str] = []
+    stages = StageProcesses(Session("s"), table, lambda stage: spec, Mock(), told.append)
+    options = SessionOptions()
+    for attempts in range(1, MAX_FAILURES):
+        stages.ensure_running(options)
+        stages.ensure_running(options)  # not before its time
+        assert child.call_count == len(told) == attempts and "trying again" in told[-1]
+        t_ns[0] += 3 * SECOND_NS
+    error = refusal(stages.ensure_running, options)
+    assert "render cannot be started: Resource temporarily" in str(error) and error.remedy

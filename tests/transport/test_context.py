@@ -131,3 +131,15 @@ def test_report_lost_counts_a_lost_output(make: Make) -> None:
     context = make("render", False)
     context.report_lost("trace: the disk is full")
     assert context.row["lost_outputs"] == 1
+
+
+def test_an_output_that_ends_leaves_no_descriptor(session: Session, make: Make) -> None:
+    context = make("render", False)
+    counts = []
+    for _ in range(5):
+        output = context.output("eyes")
+        output.begin()
+        output.publish(1, 1, 1)
+        context.end_output(output)
+        counts.append(len(list(Path("/dev/fd").iterdir())))
+    assert len(set(counts)) == 1

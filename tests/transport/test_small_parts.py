@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from lfpipe.host import segment
 from lfpipe.host.segment import WrongSegment
+from lfpipe.supervisor.process_table import STAGES
 from lfpipe.transport import control, status
 from lfpipe.transport.clock import Ticker
 from lfpipe.transport.histogram import (
@@ -169,7 +170,7 @@ def test_status_table_refuses_what_does_not_fit() -> None:
     with pytest.raises(ValueError, match="do not fit"):
         status.create("lfp-test", {"capture": wide})
     with pytest.raises(ValueError, match="do not fit"):
-        status.create("lfp-test", dict.fromkeys("abcdefghi", NO_METRICS))
+        status.create("lfp-test", dict.fromkeys(map(str, range(status.PAGE_ROWS + 1)), NO_METRICS))
 
 
 SIGNED = status.MAGIC + status.LAYOUT.to_bytes(8, "little")
@@ -293,3 +294,17 @@ def test_report_health_keeps_the_time_of_the_first_fault() -> None:
     assert row["fault_since_ns"] == since_ns > 0 and row["outputs_faulty"] == 2
     row.report_health("", False)
     assert not row.record["fault"].item() and row["outputs_ok"] == 1, "nobody there proves nothing"
+
+
+def test_status_table_has_room_for_the_stages_of_other_packages() -> None:
+    """Two beside `share` were too many."""
+    name = f"lfp-test-{os.getpid()}-room"
+    stages = {stage.name: stage.metrics for stage in STAGES} | dict.fromkeys(
+        map(str, range(8)), NO_METRICS
+    )
+    memory = status.create(name, stages)
+    table = status.Table(name)
+    assert set(table.rows) == set(stages)
+    table.close()
+    memory.unlink()
+    memory.close()

@@ -211,7 +211,8 @@ class ScreenWindow(Display):
         offered = monitors()
         number = window_system.monitor_number(self._window)
         self.monitor = next(
-            (monitor for monitor in offered if monitor.number == number), offered[0]
+            (monitor for monitor in offered if monitor.number == number),
+            (*offered, self.monitor)[0],  # the same where all are gone
         )
 
     def shown_px(self, picture_px: tuple[int, int]) -> tuple[int, int]:

@@ -46,13 +46,20 @@ class MouseLook:
         self._eased_px: tuple[NDArray[np.float64], ...] | None = None
         self._t_ns = self._released_ns = 0
         self._count = 0
-        self.set_ring(ring)
-
-    def set_ring(self, ring: RingOutput | None) -> None:
-        """ring: as at first, for another viewer."""
-        self._ring = ring
+        self.ring = ring
+        """Which it writes; None while it writes none."""
         self._alone = ring is not None
+
+    def exchange(self, alone: bool) -> None:
+        """alone: whether the mouse is the viewer from now on."""
+        self.ring = None
+        self._alone = alone
         self._eased_px = None
+
+    @property
+    def waits(self) -> bool:
+        """Whether it is the viewer, and needs the ring."""
+        return self._alone and self.ring is None
 
     @property
     def is_viewer(self) -> bool:
@@ -132,9 +139,9 @@ class MouseLook:
         if self._alone or stamp is None:
             self._count += 1
             stamp = Stamp(self._count, self._count, 0, t_ns, t_ns, t_ns, 0)
-        if self._ring is not None:
-            mouse_eyes.write(self._ring.begin())
-            self._ring.publish(self._count, t_ns, t_ns, 0, 0)
+        if self.ring is not None:
+            mouse_eyes.write(self.ring.begin())
+            self.ring.publish(self._count, t_ns, t_ns, 0, 0)
         if not self._alone and not self._pointer.right and t_ns - self._released_ns > BACK_NS:
             self._eased_px = None  # the camera's eyes again
         return mouse_eyes, stamp
