@@ -148,20 +148,14 @@ class Patience:
 
     limit_s: float
     """At any rate."""
-    disk_s: float = 0.0
-    """While it waits for a disk or a network drive."""
-    computing_s: float = 0.0
-    """While it computes."""
     cpu_s: float = 0.0
     """While it computes, in time on a CPU: emulated or beside busy programs it is slow."""
 
-    def exceeded(self, silent_s: float, cpu_s: float, computes: bool, on_disk: bool) -> bool:
+    def exceeded(self, silent_s: float, cpu_s: float, computes: bool) -> bool:
         """Whether the process hangs. silent_s, cpu_s: time, and time on a CPU, since its last sign
         of life.
         """
-        if silent_s <= (max(self.limit_s, self.disk_s) if on_disk else self.limit_s):
-            return False
-        return not computes or (silent_s > self.computing_s and cpu_s > self.cpu_s)
+        return silent_s > self.limit_s and (not computes or cpu_s > self.cpu_s)
 
 
 if __name__ == "__main__":

@@ -16,8 +16,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import attrs
-
 PR_SET_PDEATHSIG, PR_SET_TIMERSLACK = 1, 29  # linux/prctl.h
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # malloc.h
 KEPT_BYTES = 32 << 20  # the maximum of glibc; a 4K frame has 25 MB
@@ -121,33 +119,9 @@ def cpu_ns(pid: int) -> int:
     return int((times.user + times.system) * 1e9) if times else 0
 
 
-@attrs.frozen(kw_only=True)
-class Activity:
-    """What a process has done so far."""
-
-    cpu_ns: int
-    """As `cpu_ns`."""
-    waited_ns: int = 0
-    """How long its main thread was ready to run, but other threads had the cores; 0 where the
-    system does not count it."""
-    on_disk: bool = False
-    """Whether it waits for a disk or a network drive."""
-    stopped: bool = False
-    """Whether a signal has stopped it: it waits for nothing."""
-
-
-def activity(pid: int) -> Activity:
-    """What a process has done so far; nothing if it is gone."""
-    waited_ns = 0
-    with contextlib.suppress(OSError, ValueError, IndexError):
-        waited_ns = int(Path(f"/proc/{pid}/schedstat").read_text().split()[1])
-    status = _ask(pid, "status")
-    return Activity(
-        cpu_ns=cpu_ns(pid),
-        waited_ns=waited_ns,
-        on_disk=status == "disk-sleep",
-        stopped=status == "stopped",
-    )
+def is_stopped(pid: int) -> bool:
+    """Whether a signal has stopped a process: it waits for nothing."""
+    return bool(_ask(pid, "status") == "stopped")
 
 
 def is_child(pid: int) -> bool:

@@ -84,7 +84,7 @@ class Worker:
             self._look_s = now_s
             self._look_cpu_ns = used_ns
         cpu_s = (self._look_cpu_ns - self._step_cpu_ns) / 1e9
-        return self._patience.exceeded(now_s - self._step_s, cpu_s, self._computes, on_disk=False)
+        return self._patience.exceeded(now_s - self._step_s, cpu_s, self._computes)
 
     @property
     def fds(self) -> list[int]:

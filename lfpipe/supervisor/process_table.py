@@ -48,7 +48,6 @@ STAGES: tuple[Stage, ...] = (
         of_viewer=True,
         metrics=TRACK_METRICS,
         own_core=True,
-        startup_timeout_s=30.0,
     ),
     Stage(
         name="render",

@@ -1,6 +1,7 @@
 """The processes of the stages: start, heartbeat check, restart, and shutdown in two passes."""
 
 import logging
+import os
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterator
@@ -12,9 +13,9 @@ from lfpipe.config import SessionOptions
 from lfpipe.config.modes import Lossless
 from lfpipe.errors import UserError
 from lfpipe.host import signals
-from lfpipe.host.child import Child, Patience, is_computing, python
+from lfpipe.host.child import Child, python
 from lfpipe.host.files import exists
-from lfpipe.host.processes import activity
+from lfpipe.host.processes import is_stopped
 from lfpipe.supervisor import child
 from lfpipe.supervisor.process_table import SOURCE, STAGES, Stage
 from lfpipe.transport.clock import SECOND_NS, now_ns
@@ -26,14 +27,12 @@ logger = logging.getLogger(__name__)
 MAX_RESTARTS_WINDOW_S, MAX_FAILURES = 60.0, 5  # give up after five failures in a minute
 FIRST_BACKOFF_S = 0.1  # doubled from one failure to the next
 MAX_STACK = 4000  # characters reported
-# without a heartbeat: time for a disk to spin up, for a network to return, or for a display server
-# that other programs overload
+HANG_S = 5.0  # without a heartbeat: beside busy programs, a stage may wait for a core
+# likewise: time for a disk to spin up, for a network to return, or for a display server that other
+# programs overload
 BUSY_S = 60.0
-# multiple of these limits while it uses a CPU: on an emulator, one face search takes seconds
-COMPUTING = 5
-# CPU time without a heartbeat: on an emulator, one face search takes more than 10 s. In a lossless
-# replay, time is not critical.
-LIVE_CPU_S, LOSSLESS_CPU_S = 30.0, 60.0
+# multiple of these limits on an emulator, where one face search takes seconds
+PATIENCE = float(os.environ.get("LFPIPE_PATIENCE", "1"))
 # after such a gap between checks, the supervisor was stopped or starved, probably like the stages
 ASLEEP_S = 1.0
 DRAIN_NS = 2 * SECOND_NS  # time for the stages to finish their work after the source has ended
@@ -57,7 +56,6 @@ class StageProcess:
         self.source = ""  # of the viewer that it was started for
         self._killed = False  # killed for a hang, but not ended yet
         self._checked_ns = self._awake_ns = 0
-        self._waited_ns: int | None = None  # for a core, when it fell silent
 
     @property
     def alive(self) -> bool:
@@ -120,19 +118,14 @@ class StageProcess:
         return code
 
     def hang_reason(self) -> str:
-        """The reason why the process counts as hung, or "": no heartbeat for longer than its phase
-        allows. Call often.
-
-        Running: the stage's hang_timeout_s. Starting, or within `Context.setting_up`:
-        startup_timeout_s. Within `busy_with` and `saving`, unless a signal has stopped it, or in
-        the kernel's wait for a disk: BUSY_S. While it computes, or waits for a core: COMPUTING
-        times that, or until it has computed for LIVE_CPU_S, in a lossless replay LOSSLESS_CPU_S.
-        Otherwise stopping: `wait_for_end` decides.
+        """The reason why the process counts as hung, or "": no heartbeat for HANG_S; for BUSY_S
+        while it starts, within `Context.busy_with` and the like, and in a lossless replay, whose
+        time is not critical, unless a signal has stopped it. Otherwise stopping: `wait_for_end`
+        decides. Call often.
         """
         if self.process is None or self._killed:
             return ""
         row = self.row
-        stage = self.stage
         t_ns = now_ns()
         if t_ns - self._checked_ns > ASLEEP_S * 1e9:
             self._awake_ns = t_ns  # the machine was suspended, or starved all processes alike
@@ -142,28 +135,10 @@ class StageProcess:
         if row["state"] == State.STOPPING and not work:
             return ""
         silent_s = (t_ns - max(int(row["beat_ns"]), int(row["started_ns"]), self._awake_ns)) / 1e9
-        limit_s = BUSY_S if work else stage.hang_timeout_s
-        if sets_up:
-            limit_s = stage.startup_timeout_s
-        if silent_s <= min(limit_s, stage.hang_timeout_s) / 2:
-            self._waited_ns = None
+        if silent_s <= HANG_S * PATIENCE:
             return ""
-        seen = activity(int(row["pid"]))
-        if self._waited_ns is None:
-            self._waited_ns = seen.waited_ns
-        if seen.stopped and not sets_up:
-            limit_s = stage.hang_timeout_s
-        if silent_s <= limit_s:
-            return ""
-        cpu_s = (seen.cpu_ns - int(row["cpu_ns"])) / 1e9  # since its last output
-        wanted_s = cpu_s + (seen.waited_ns - self._waited_ns) / 1e9
-        patience = Patience(
-            limit_s=limit_s,
-            disk_s=BUSY_S,
-            computing_s=COMPUTING * limit_s,
-            cpu_s=LOSSLESS_CPU_S if self.lossless else LIVE_CPU_S,
-        )
-        if not patience.exceeded(silent_s, cpu_s, is_computing(wanted_s, silent_s), seen.on_disk):
+        may_wait = work or sets_up or self.lossless
+        if may_wait and silent_s <= BUSY_S * PATIENCE and not is_stopped(int(row["pid"])):
             return ""
         return (
             f"{work + ': ' if work else ''}{'not ready after' if sets_up else 'no beat for'}"

@@ -43,10 +43,6 @@ class Stage:
     """Whether it starts again for another viewer."""
     own_core: bool = False
     """Whether it avoids the first of two cores."""
-    startup_timeout_s: float = 15.0
-    """From spawn to READY, or to open another scene or camera."""
-    hang_timeout_s: float = 2.0
-    """Longest time without a heartbeat after that."""
 
 
 @attrs.frozen(kw_only=True)

@@ -14,7 +14,7 @@ import psutil
 import pytest
 
 from lfpipe.eyes import MAX_PREDICTION_S
-from lfpipe.supervisor.process_table import STAGES
+from lfpipe.supervisor.stage_process import HANG_S
 from lfpipe.transport.clock import SLEPT_NS, SleepWatch
 from tests.support.world import World
 from tests.support.xvfb_screen import x_server
@@ -54,7 +54,7 @@ def test_processes_stopped_and_continued_are_back_at_rate(
     pids = {name: [pid] for name, pid in before.items()} | {"supervisor": [supervisor.pid]}
     pids["all"] = list(itertools.chain.from_iterable(pids.values()))
     # longer and shorter than a stage may be silent
-    long_s = STAGES[0].hang_timeout_s + 0.4
+    long_s = HANG_S + 0.4
     short_s = 1.2
     for name, for_s in (("all", long_s), ("render", short_s), ("supervisor", long_s)):
         t_from_ns = time.monotonic_ns()
