@@ -388,8 +388,8 @@ def main(context: Context) -> None:
         if isinstance(error, OSError):
             error = UserError(f"{folder}: {error.strerror}", "use another folder")
         if context.spec.request:
+            context.request("record", path="")  # first: the client may ask again
             context.refuse({"number": context.spec.request}, error)
-            context.request("record", path="")
         else:
             _give_up(context, f"recording {error.message}; nothing is recorded")
         context.ack_config()
