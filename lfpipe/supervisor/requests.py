@@ -245,6 +245,8 @@ def _viewer(state: SessionState, message: Message, _t_ns: int) -> Reply:
         )
     if not has_eyes(state):
         raise UserError("no eyes are in use: the scene is a single view", "load another scene")
+    if source == options.viewer.source:
+        return Reply(answer={"source": source})  # no stage would start for it
     if source != MouseViewer.source:
         new = state.changed(viewer=CameraViewer(source=source))
         return Reply(state=new, executed_by=(SOURCE,), then=partial(_found, source))

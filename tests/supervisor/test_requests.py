@@ -261,6 +261,10 @@ def test_viewer_is_exchanged_by_the_mouse_and_by_a_camera_that_capture_opens() -
     state = made_state(display=Window())
     by_mouse = respond(state, {"cmd": "viewer", "source": "mouse"}, 0).state
     assert by_mouse is not None and by_mouse.options.viewer == MouseViewer()
+    for same in (state, by_mouse):
+        source = same.options.viewer.source
+        reply = respond(same, {"cmd": "viewer", "source": source}, 0)
+        assert reply == Reply(answer={"source": source})
     reply = respond(by_mouse, {"cmd": "viewer", "source": "camera:0"}, 0)
     assert reply.executed_by == ("capture",) and reply.then is not None and reply.state is not None
     assert reply.state.options.viewer == CameraViewer(source="camera:0")
