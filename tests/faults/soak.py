@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.capture.open_source import open_source
+from lfpipe.supervisor.stage_process import HANG_S
 from lfpipe.transport import control, ring, status
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.session import Session
@@ -309,7 +310,7 @@ class Soak:
     def _terminate(self, stage: str) -> None:
         self._signal(self._pid(stage), signal.SIGTERM)
 
-    def _stop(self, stage: str, seconds: float = 3.0) -> None:  # longer than the limit of a hang
+    def _stop(self, stage: str, seconds: float = HANG_S + 1.0) -> None:
         pid = self._pid(stage)
         self._signal(pid, signal.SIGSTOP)
         time.sleep(seconds)

@@ -14,6 +14,7 @@ import pytest
 from lfpipe.capture.frame_source import Frame, SourceInfo
 from lfpipe.capture.reconnecting_camera import BACKOFF_S, CameraLost, ReconnectingCamera
 from lfpipe.errors import UserError
+from lfpipe.supervisor.stage_process import HANG_S
 from tests.support.world import World, stays
 
 CAMERA = ("--set", "render.clock=camera", "--set", "render.method=nearest")
@@ -49,7 +50,7 @@ def test_session_outlives_all_that_happens_to_its_camera(
             )
             stays(
                 lambda: _rows(world)["capture"] == ("READY", pid, 0),
-                2.2 if word == "hang" else 0.5,  # longer than a stage may be silent
+                HANG_S + 0.2 if word == "hang" else 0.5,  # longer than a stage may be silent
                 "the beat",
             )
             node.write_text("frames")
