@@ -39,7 +39,7 @@ from lfpipe.config import LiveSource, Scene
 from lfpipe.live.estimator import Estimator
 from lfpipe.live.field import LiveViews
 from lfpipe.live.records import disparity_dtype, pairs_in_need, views_of
-from lfpipe.monitor.monitor import screen_text
+from lfpipe.monitor.monitor import screen_view
 from lfpipe.monitor.session_reader import Follower
 from lfpipe.render.display.window_system import FONT
 from lfpipe.render.ui.scenes import THUMBNAILS
@@ -240,7 +240,7 @@ def monitor(out: Path) -> None:
         for _ in range(100):
             time.sleep(0.25)
             if (state := follower.read()) is not None:
-                text = screen_text(world.name, state)
+                text = screen_view(world.name, state)
         follower.close()
         assert text is not None, "the demo does not run"
         console = Console(width=80, record=True, file=io.StringIO())

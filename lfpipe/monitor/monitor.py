@@ -5,13 +5,14 @@
 import json
 import os
 import sys
-import textwrap
 import time
+from collections.abc import Mapping
 from contextlib import closing
 from datetime import timedelta
 from functools import partial
 
-from rich.console import Console
+from rich.console import Console, Group
+from rich.table import Table
 from rich.text import Text
 
 from lfpipe.config import choices
@@ -32,15 +33,26 @@ WARNING = "bold yellow"
 KEYS_LINE = "q quit  p pause  r reset  t trace  w warp  m mode  c recentre"
 QUANTILES = ("p50_ms", "p95_ms", "p99_ms")
 PERIOD_S = 0.25  # four times a second: people cannot read faster
-BAR_TEXT = 18  # cells before a bar
+COLUMNS = (
+    "stage",
+    "state",
+    "Hz",
+    "wait\np50",
+    "\np95",
+    "busy\np50",
+    "\np95",
+    "\np99",
+    "\nmax",
+    "drops",
+    "rst",
+)
+LOADS = ("%", "MB")
 NOTE_S = 5.0  # display time of the answer to a key
 
 
 def ms(value: float) -> str:
-    """A time in ms in five characters, with as many decimals as fit."""
-    if value < 99.995:
-        return f"{value:5.2f}"
-    return f"{value:5.1f}" if value < 999.95 else f"{value:5.0f}"
+    """A time in ms with as many decimals as fit five characters."""
+    return f"{value:.{2 if value < 99.995 else 1 if value < 999.95 else 0}f}"
 
 
 def photon_words(latency: MotionToPhoton) -> str:
@@ -49,104 +61,77 @@ def photon_words(latency: MotionToPhoton) -> str:
     return ", ".join(f"{key} {value:.1f} ms" for key, value in times.items() if value is not None)
 
 
-def _stage_line(name: str, stage: StageMetrics, loads: bool) -> Text:
-    """A stage in the table; loads: include its load."""
+def _stage_row(name: str, stage: StageMetrics) -> list[str | Text]:
     waits, busies = ([times[key] for key in QUANTILES] for times in (stage.wait, stage.busy))
-    times = "".join(f" {ms(value)}" for value in (*waits[:2], *busies, stage.max_ms))
-    return Text.assemble(
-        f"{name:<8}",
-        (f"{stage.state.lower():<9}", STATE_STYLE.get(stage.state, "")),
-        f"{stage.fps:5.1f}{times}",
-        (f" {stage.dropped:5d}", "bold red" if stage.dropped else ""),
-        (f" {stage.restarts:3d}", "bold red" if stage.restarts else ""),
-        f" {stage.cpu_percent or 0:4.0f}{stage.rss_mb or 0:4.0f}\n" if loads else "\n",
-        (plain(f"{'':<8}{stage.busy_with}\n") if stage.busy_with else "", "yellow"),
-    )
+    load = (stage.cpu_percent, stage.rss_mb)
+    return [
+        name,
+        Text(stage.state.lower(), STATE_STYLE.get(stage.state, "")),
+        f"{stage.fps:.1f}",
+        *map(ms, (*waits[:2], *busies, stage.max_ms)),
+        *(
+            Text(str(count), "bold red" if count else "")
+            for count in (stage.dropped, stage.restarts)
+        ),
+        *(f"{value:.0f}" for value in load if value is not None),
+    ]
 
 
-def state_text(metrics: SessionMetrics, paused: bool = False) -> Text:
-    """The table of stages (rate, wait, busy, drops, restarts, load if it is known), quality, and
-    the age of the picture. At most 80 cells wide.
-    """
+def stage_table(stages: Mapping[str, StageMetrics]) -> Table:
+    """Rate, wait, busy, drops, restarts, and load if it is known, of every stage."""
+    table = Table(box=None, padding=(0, 1, 0, 0), collapse_padding=True)
+    loads = any(stage.cpu_percent is not None for stage in stages.values())
+    for title in (*COLUMNS, *(LOADS if loads else ())):
+        left = title in COLUMNS[:2]
+        table.add_column(title, justify="left" if left else "right", no_wrap=True)
+    for name, stage in stages.items():
+        table.add_row(*_stage_row(name, stage))
+    return table
+
+
+def state_view(metrics: SessionMetrics, paused: bool = False) -> Group:
+    """The table of stages, what each one waits for, quality, and the age of the picture."""
     tracked = metrics.stages.get("track")
     has_face = tracked is not None and tracked.face
     stages = metrics.used_stages
-    loads = any(stage.cpu_percent is not None for stage in stages.values())
     level = f"level {metrics.level} of {metrics.lowest_level}" if metrics.level else "full"
     camera = f"camera {metrics.camera_fps:.1f} Hz" if SOURCE in stages else "no camera"
     age, judder = metrics.end_to_end, metrics.judder
-    parts: list[Text | str | tuple[str, str]] = [
+    head = Text.assemble(
         f"up {timedelta(seconds=int(metrics.uptime_s))}  {camera}  ",
         ("PAUSED  " if paused else "", WARNING),
         (f"{metrics.camera_light}  " if metrics.camera_light else "", WARNING),
-        (f"viewer {metrics.viewer}\n", "green" if has_face else WARNING),
-        (f"{'':<22} wait, ms     busy, ms\n", "bold"),
-        (f"{'stage':<8}{'state':<9}{'Hz':>5}   p50   p95   p50   p95   p99   max drops", "bold"),
-        (f" rst{'   %  MB' * loads}\n", "bold"),
-        *(_stage_line(name, stage, loads) for name, stage in stages.items()),
-        (f"quality {level}\n", WARNING if metrics.level else "dim"),
-        *((plain(f"now: {notice}\n"), WARNING) for notice in metrics.notices),
+        (f"viewer {metrics.viewer}", "green" if has_face else WARNING),
+    )
+    busy = [
+        Text(plain(f"{name}: {stage.busy_with}"), "yellow")
+        for name, stage in stages.items()
+        if stage.busy_with
     ]
+    notices = [Text(plain(f"now: {notice}"), WARNING) for notice in metrics.notices]
     lines = latency_lines(age, metrics.prediction, bool(judder.planned))
     if age["n"]:
         counted = f"  over {age['n']:.0f} pictures; the delays of camera and display are not in it"
         lines.insert(1, counted)
-    parts += [f"{line}\n" for line in lines]
     if judder.planned:
-        parts.append(
+        lines.append(
             f"judder: {judder.percent:.2f} % of {judder.planned} refreshes showed another"
-            " picture than planned\n"
+            " picture than planned"
         )
     if words := photon_words(metrics.motion_to_photon):
-        parts.append(f"motion to photon: {words}\n")
-    return Text.assemble(*parts, no_wrap=True, overflow="crop")
+        lines.append(f"motion to photon: {words}")
+    quality = Text(f"quality {level}", WARNING if metrics.level else "dim")
+    return Group(head, stage_table(stages), *busy, quality, *notices, *map(Text, lines))
 
 
-def bars(metrics: SessionMetrics, width: int) -> list[Text]:
-    """How long each stage lets a frame wait and works on it, p95: the longest bar is where time
-    goes.
-    """
-    stages = metrics.used_stages
-    times = {
-        name: (stage.wait["p95_ms"], stage.busy["p95_ms"])
-        for name, stage in stages.items()
-        if stage.busy["n"]
-    }
-    longest = max((sum(pair) for pair in times.values()), default=0.0)
-    if not longest:
-        return []
-    cells = (width - BAR_TEXT) / longest
-    return [
-        Text(f"{'p95 of':<8}waiting ░ and work █", "bold"),
-        *(
-            Text.assemble(
-                f"{name:<8}{ms(wait + busy)} ms ",
-                ("░" * round(wait * cells), "dim"),
-                ("█" * max(1, round(busy * cells)), "cyan"),
-            )
-            for name, (wait, busy) in times.items()
-        ),
-    ]
-
-
-def filled(text: Text, metrics: SessionMetrics, width: int, height: int) -> Text:
-    """text with as many of the bars and of the stages' own metrics below as a terminal of that size
-    has room for.
-    """
-    lines = list(text.split("\n"))
-    for more in (bars(metrics, width), [Text(plain(line)) for line in metric_lines(metrics)]):
-        if more and len(lines) + 1 + len(more) <= height:
-            lines += [Text(""), *more]
-    return Text("\n", no_wrap=True, overflow="crop").join(lines)
-
-
-def metric_lines(metrics: SessionMetrics) -> list[str]:
-    """The metrics that each stage declares, without time stamps. At most 80 cells wide."""
+def metric_lines(metrics: SessionMetrics) -> list[Text]:
+    """The metrics that each stage declares, without time stamps."""
     lines = []
     for name, stage in metrics.used_stages.items():
         values = {key: value for key, value in stage.metrics.items() if not key.endswith("_ns")}
-        text = ", ".join(f"{key} {_shown(value)}" for key, value in values.items())
-        lines += textwrap.wrap(f"{name:<8}{text}", 80, subsequent_indent=" " * 8) if text else []
+        if values:
+            words = ", ".join(f"{key} {_shown(value)}" for key, value in values.items())
+            lines.append(Text(plain(f"{name} {words}")))
     return lines
 
 
@@ -161,48 +146,32 @@ def _shown(value: Value) -> str:
 
 def print_state(metrics: SessionMetrics, paused: bool = False) -> None:
     """Prints the state on stdout."""
-    head = Text.assemble("session ", (metrics.session, "bold"), "  ")
-    out = head.append_text(state_text(metrics, paused))
-    out.append("".join(f"{plain(line)}\n" for line in metric_lines(metrics)))
-    Console(highlight=False, soft_wrap=True).print(out, end="")
+    console = Console(highlight=False)
+    console.print(Text.assemble("session ", (metrics.session, "bold")), state_view(metrics, paused))
+    console.print(*metric_lines(metrics), sep="\n")
 
 
-def screen_text(name: str, state: Sample | None, note: str = "") -> Text:
+def screen_view(name: str, state: Sample | None, note: str = "") -> Group:
     """The whole screen of a monitor.
 
     note: the answer to the last key.
     """
-    out = Text.assemble(
-        ("lfpipe ", "bold"), (name, "bold cyan"), "  ", no_wrap=True, overflow="crop"
-    )
+    head = Text.assemble(("lfpipe ", "bold"), (name, "bold cyan"), "  ")
     if state is None:
-        return out.append("no session; waiting for one (q quits)\n")
+        return Group(head.append("no session; waiting for one (q quits)"))
     settings = state.settings
     if settings is not None:
         render = settings.config.render
         timeline = settings.options.timeline
         alpha = render.alpha_px if isinstance(render.alpha_px, str) else f"{render.alpha_px:.1f}"
-        out.append(f"{render.method} views, {render.anaglyph} anaglyph, alpha {alpha}", "dim")
-        out.append(plain(f"\ntracing to {timeline}") if timeline else "", "dim")
-    paused = settings is not None and settings.paused
-    out.append("\n").append_text(state_text(state.metrics, paused))
-    out.append(plain(f"{note or KEYS_LINE}\n"), "bold" if note else "dim")
-    return out.append("times of the last 10 s; rst: restarts", "dim")
-
-
-def fitted(text: Text, width: int, height: int) -> Text:
-    """The part of text that fits a terminal of that size; if cut, the last line states the number
-    of omitted items.
-    """
-    lines = text.split("\n")
-    columns = max(line.cell_len for line in lines) - width
-    if columns <= 0 and len(lines) <= height:
-        return text
-    kept = lines[: height - 1]
-    more = {"columns": columns, "lines": len(lines) - len(kept)}
-    missing = ", ".join(f"{count} {what}" for what, count in more.items() if count > 0)
-    return Text("\n", no_wrap=True, overflow="crop").join(
-        [*kept, Text(f"left out: {missing}", "bold yellow")]
+        head.append(f"{render.method} views, {render.anaglyph} anaglyph, alpha {alpha}", "dim")
+        head.append(plain(f"\ntracing to {timeline}") if timeline else "", "dim")
+    return Group(
+        head,
+        state_view(state.metrics, settings is not None and settings.paused),
+        Text(plain(note or KEYS_LINE), "bold" if note else "dim", no_wrap=True),
+        Text("times in ms, of the last 10 s; rst: restarts", "dim"),
+        *metric_lines(state.metrics),
     )
 
 
@@ -271,11 +240,7 @@ def screen(name: str) -> None:
         while True:
             now = time.monotonic()
             sample = follower.read()
-            text = screen_text(name, sample, note if now < note_end else "")
-            size = live.console.size
-            if sample is not None:
-                text = filled(text, sample.metrics, *size)
-            live.update(fitted(text, *size), refresh=True)
+            live.update(screen_view(name, sample, note if now < note_end else ""), refresh=True)
             while left_s := max(0.0, now + PERIOD_S - time.monotonic()):
                 try:
                     key = keyboard.key(left_s)

@@ -2,6 +2,7 @@
 
 import contextlib
 import fcntl
+import io
 import json
 import os
 import pty
@@ -16,10 +17,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.text import Text
+from rich.console import Console, RenderableType
 
 from lfpipe.config import converter
-from lfpipe.monitor.monitor import bars, filled, fitted, print_state, state_text
+from lfpipe.monitor.monitor import print_state, stage_table, state_view
 from lfpipe.monitor.session_reader import Watch
 from lfpipe.supervisor.metrics import SessionMetrics, session_metrics
 from lfpipe.supervisor.process_table import CORE, METRICS, SOURCE
@@ -69,12 +70,24 @@ class Terminal:
         os.write(self._fd, key.encode())
 
 
+def quality() -> np.ndarray:
+    return np.zeros((), SESSION)
+
+
+def shown(view: RenderableType, width: int = 80) -> list[str]:
+    """The lines of a view in a terminal of that width."""
+    console = Console(width=width, file=io.StringIO())
+    with console.capture() as captured:
+        console.print(view)
+    return captured.get().splitlines()
+
+
 def test_state_reports_a_missing_camera() -> None:
     rows = {name: np.zeros((), ROW) for name in CORE}
-    quality = np.zeros((), SESSION)
-    assert "no camera" in state_text(session_metrics("mine", rows, METRICS, quality, 0)).plain
-    rows[SOURCE]["state"] = State.STARTING
-    assert "camera 0.0 Hz" in state_text(session_metrics("mine", rows, METRICS, quality, 0)).plain
+    for state, words in ((State.NONE, "no camera"), (State.STARTING, "camera 0.0 Hz")):
+        rows[SOURCE]["state"] = state
+        metrics = session_metrics("mine", rows, METRICS, quality(), 0)
+        assert words in shown(state_view(metrics))[0]
 
 
 def test_table_of_stages_has_its_quantiles_in_order() -> None:
@@ -84,8 +97,8 @@ def test_table_of_stages_has_its_quantiles_in_order() -> None:
     for ms, count in ((2, 90), (20, 7), (200, 3)):
         for _ in range(count):
             busy.add_ns(ms * 1_000_000)
-    text = state_text(session_metrics("mine", rows, METRICS, np.zeros((), SESSION), 0)).plain
-    (line,) = (line for line in text.splitlines() if line.startswith(SOURCE))
+    lines = shown(state_view(session_metrics("mine", rows, METRICS, quality(), 0)))
+    (line,) = (line for line in lines if line.startswith(SOURCE))
     times = [float(word) for word in line.split()[-7:-2]]
     assert times[1:4] == pytest.approx([2, 20, 200], rel=0.02), "p50, p95 and p99 of the busy time"
 
@@ -97,42 +110,22 @@ def test_monitor_lists_the_metrics_that_stages_declare(capsys: pytest.CaptureFix
     render = Row(rows["render"], METRICS["render"])
     render["juddered"], render["onset_ns"] = 3, 61_200_000
     Row(rows["track"], METRICS["track"])["face"] = 1
-    metrics = session_metrics("mine", rows, METRICS, np.zeros((), SESSION), 0)
+    metrics = session_metrics("mine", rows, METRICS, quality(), 0)
     print_state(converter().structure(metrics.to_dict(), SessionMetrics))
     printed = capsys.readouterr().out
-    assert "track   face yes" in printed
+    assert "track face yes" in printed
     assert "juddered 3, onset_ms 61.2, steady_ms -" in " ".join(printed.split())
     assert max(map(len, printed.splitlines())) <= 80
 
 
-def test_longest_bar_is_where_time_goes_and_bars_use_the_room_there_is() -> None:
+@pytest.mark.parametrize("width", [80, 40])
+def test_stage_table_keeps_whole_rows_in_a_narrow_terminal(width: int) -> None:
     rows = {stage: np.zeros((), ROW) for stage in CORE}
-    for stage, busy_ms in zip(CORE, (1, 8, 3), strict=True):
-        row = Row(rows[stage], METRICS[stage])
+    for row in rows.values():
         row["state"] = State.RUNNING
-        for _ in range(5):
-            row.record_latency(1_000_000, busy_ms * 1_000_000, 0)
-    metrics = session_metrics("mine", rows, METRICS, np.zeros((), SESSION), 0)
-    heading, *lines = (line.plain for line in bars(metrics, 80))
-    assert "p95" in heading and max(map(len, lines)) <= 80
-    longest = max(lines, key=lambda line: line.count("█") + line.count("░"))
-    assert longest.startswith("track") and len(lines) == len(CORE)
-    text = state_text(metrics)
-    for height, has_bars in ((len(text.split("\n")) + 1, False), (40, True)):
-        shown = filled(text, metrics, 80, height).plain
-        assert ("█" in shown) is has_bars and len(shown.splitlines()) <= height
-
-
-def test_fitted_names_omitted_lines() -> None:
-    text = Text("\n".join(["x" * 79] * 15))
-    assert fitted(text, 80, 24) is text
-    for size, last in (
-        ((40, 24), "39 columns"),
-        ((80, 12), "4 lines"),
-        ((40, 12), "39 columns, 4"),
-    ):
-        lines = fitted(text, *size).plain.splitlines()
-        assert len(lines) == min(16, size[1]) and lines[-1].startswith(f"left out: {last}"), lines
+        Row(row).record_latency(123_456_789, 1_000_000_000, 0)
+    table = stage_table(session_metrics("mine", rows, METRICS, quality(), 0).used_stages)
+    assert [len(line) <= width for line in shown(table, width)] == [True] * (2 + len(CORE))
 
 
 def test_monitor_screen_keys_and_a_session_that_starts_again(world: World, scene: Path) -> None:
