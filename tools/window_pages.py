@@ -92,10 +92,10 @@ def walk(finger: Finger, scenes: Sequence[Path]) -> Iterator[str]:
     finger.use_bar("calibrate")
     time.sleep(3.0)
     yield "calibrate"
-    finger.touch(_text(finger, calibration_page(Distance("600"), True, True)), "enter")
+    finger.touch(_text(finger, calibration_page(Distance("600"), True, True, False)), "enter")
     time.sleep(3.0)
     yield "calibrated"
-    finger.touch(_text(finger, calibration_page(Distance("800"), True, True, 0.0)), "close")
+    finger.touch(_text(finger, calibration_page(Distance("600"), True, True, True)), "close")
     finger.use_bar("fullscreen")
     yield "full-screen"
     finger.use_bar("which")

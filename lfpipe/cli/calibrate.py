@@ -8,20 +8,18 @@ from lfpipe.capture.open_source import camera_name
 from lfpipe.capture.spec import LIVE, is_live
 from lfpipe.cli.options import CAMERA, SESSION, Number, with_settings
 from lfpipe.cli.terminal import print_result
-from lfpipe.config import Config, load, user_file
+from lfpipe.config import Config, load
 from lfpipe.config.modes import Window
-from lfpipe.config.user_files import PLACED, camera_file, check_focal, keep_focal, write_keys
+from lfpipe.config.user_files import PLACED, camera_file, write_keys
 from lfpipe.errors import UserError
 from lfpipe.live.shared_scene import two_cameras
-from lfpipe.monitor.calibrate import by_card, by_eyes, placement_of
+from lfpipe.monitor.calibrate import placement_of
 from lfpipe.monitor.session_reader import snapshot
 from lfpipe.render.display.open_display import has_display
 from lfpipe.render.ui.calibration import FARTHEST_MM, NEAREST_MM, USUAL_MM
 from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import demo_scene
 from lfpipe.supervisor import rundir
-
-BANK_CARD_MM = 85.60  # ISO/IEC 7810 ID-1
 
 
 @click.command()
@@ -34,14 +32,7 @@ BANK_CARD_MM = 85.60  # ISO/IEC 7810 ID-1
     default=USUAL_MM,
     show_default=True,
     metavar="MM",
-    help="Distance from the camera to your eyes, or to the card; the window can change it.",
-)
-@click.option(
-    "--by",
-    type=click.Choice(["eyes", "card"]),
-    default="eyes",
-    show_default=True,
-    help="Measure your eyes, or a bank card.",
+    help="Distance from the camera to your eyes; the page can change it.",
 )
 @SESSION
 @with_settings
@@ -50,7 +41,6 @@ def calibrate(
     scene: str | None,
     camera: str | None,
     distance_mm: float,
-    by: str,
     session_name: str,
     config_file: str | None,
     sets: tuple[str, ...],
@@ -58,9 +48,7 @@ def calibrate(
     """Measure the focal length of the camera and store it under the camera's name.
 
     Opens the page Calibrate in the window of the running session, or in a new one: sit with your
-    eyes MM from the camera. The page can check the result at a second distance. Without a screen,
-    the measurement starts when eyes are detected. For a bank card, hold it at MM, parallel to the
-    camera.
+    eyes MM from the camera.
 
     With live:SRC, measure and store instead how the second of two cameras stands against the first.
     """
@@ -68,32 +56,12 @@ def calibrate(
     if scene is not None:
         _calibrate_pair(scene, config)
         return 0
-    if by == "eyes" and has_display():
-        return _open_page(session_name, camera, distance_mm, config_file, sets)
-    name = camera_name(camera or config.camera.source)
-    size_mm = config.screen.eyes_mm
-    if by == "card":
-        size_mm = BANK_CARD_MM
-        size_px, distance_mm = by_card(config, camera, distance_mm)
-    else:
-        size_px = by_eyes(config, camera)
-    focal_px = round(size_px * distance_mm / size_mm, 1)
-    width_px = config.camera.frame_px[0]
-    print_result(f"{size_mm:g} mm at a distance of {distance_mm:g} mm measure {size_px:.1f} px")
-    fov_deg = check_focal(focal_px, width_px)
-    print_result(f"focal length {focal_px} px, field of view {fov_deg:.1f} degrees")
-    if by == "eyes":
-        print_result(
-            f"by screen.eyes_mm, {size_mm:g} mm between your eyes: the mean, 63, is at most 8 % off"
-            " for most people"
+    if not has_display():
+        raise UserError(
+            "calibrate needs a screen: the page shows the camera's picture",
+            "run it on a desktop, or set camera.focal_px if you know it",
         )
-    overridden = keep_focal(name, focal_px, width_px)
-    print_result(f"stored for {name} in {camera_file()}")
-    if overridden:
-        print_result(
-            f"camera.focal_px removed from {user_file()}: it would override the measured value"
-        )
-    return 0
+    return _open_page(session_name, camera, distance_mm, config_file, sets)
 
 
 def _open_page(

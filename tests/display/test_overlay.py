@@ -126,7 +126,7 @@ def test_bar_entry_that_the_session_lacks_does_nothing() -> None:
         Overlay(lines=HELP),
         Overlay(lines=("30.0 Hz", "age of the picture 21 ms")),
         Overlay(lines=("does each eye see its letter?",), items=(Item("Done", Event("glasses")),)),
-        calibration_page(Distance("600"), True, True, 7.0),
+        calibration_page(Distance("600"), True, True, True),
         Overlay(menu=folder_menu(Path("/home"), ["views"], ["film.mp4"])),
     ],
     ids=["menu", "help", "metrics", "test", "calibration", "folder"],
@@ -191,7 +191,7 @@ def test_letters_contrast_with_any_picture(source: str, lit: bool) -> None:
         Overlay(lines=HELP, bar=BAR, scene="still life", step="measuring depth, 40 %"),
         Overlay(menu=glasses_menu("mono"), bar=BAR, notices=("camera lost, trying again",)),
         Overlay(lines=("a line",), items=(Item("Done", Event("glasses"), "g"),), bar=BAR),
-        attrs.evolve(calibration_page(Distance("600"), True, True), bar=BAR),
+        attrs.evolve(calibration_page(Distance("600"), True, True, False), bar=BAR),
         Overlay(menu=folder_menu(Path("/home"), ["views"], ["film.mp4"]), bar=BAR),
     ):
         screened = Screened(size, overlay)

@@ -53,9 +53,9 @@ class Pages:
         self.finger.world.wait_for(lambda: self.shows(panel), what)
         return panel
 
-    def calibration(self, mm: float, checks: bool = False) -> ItemPanel:
-        """The page, once it offers to accept that distance, or checks it."""
-        page = calibration_page(Distance(f"{mm:g}"), True, True, 0.0 if checks else None)
+    def calibration(self, mm: float, is_stored: bool = False) -> ItemPanel:
+        """The page, once it offers to accept that distance, or has stored it."""
+        page = calibration_page(Distance(f"{mm:g}"), True, True, is_stored)
         size_px = self.finger.size_px
         shown = Overlay(lines=page.lines, items=page.items)
         panel = text_panel(shown, self.finger.bar().at[1], size_px, self.finger.text_px)
@@ -111,14 +111,15 @@ def test_calibrate_opens_a_window_and_is_done_by_the_mouse_alone(
     finger = pages.finger
     finger.touch(pages.calibration(560), "alpha+")
     finger.touch(pages.calibration(570), "enter")
-    checks = pages.calibration(770, checks=True)
+    stored = pages.calibration(570, is_stored=True)
     focal_px = _focal_px(world)
     assert isinstance(focal_px, float) and _stored(world) == {"focal_px": focal_px, "width_px": 640}
-    finger.touch(checks, "previous")
+    finger.touch(stored, "previous")
     finger.touch(pages.calibration(570), "alpha-")
     finger.touch(pages.calibration(560), "enter")
-    finger.touch(pages.calibration(760, checks=True), "close")
-    world.wait_for(lambda: not pages.shows(checks), "the scene")
+    stored = pages.calibration(560, is_stored=True)
+    finger.touch(stored, "close")
+    world.wait_for(lambda: not pages.shows(stored), "the scene")
     assert (
         _focal_px(world) == _stored(world)["focal_px"] == pytest.approx(focal_px * 560 / 570, 0.02)
     )
@@ -143,7 +144,7 @@ def test_calibrate_asks_the_open_window_and_is_done_by_keys_alone(
     world.xdotool("key", "minus", "Right")
     pages.calibration(600)
     world.xdotool("key", "Return")
-    pages.calibration(800, checks=True)
+    pages.calibration(600, is_stored=True)
     assert _focal_px(world) == _stored(world)["focal_px"]
     assert "focal_px" not in settings.read_text() and "dubois" in settings.read_text()
     world.xdotool("key", "Prior")

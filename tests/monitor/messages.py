@@ -1,7 +1,5 @@
-"""Refusals of monitors, timelines and calibration."""
+"""Refusals of monitors, and timelines."""
 
-from lfpipe import config
-from lfpipe.monitor.calibrate import by_card
 from lfpipe.monitor.session_reader import Watch
 from lfpipe.monitor.timeline import convert
 from lfpipe.transport.session import Session
@@ -15,9 +13,5 @@ MESSAGES: dict[str, tuple[Cause, str]] = {
     "a trace that is gone": (
         lambda here: convert(here / "gone", here / "out.json"),
         "/here/gone: cannot be read: No such file … `lfpipe up --trace`",
-    ),
-    "a card without a screen": (
-        lambda here: by_card(config.Config(), "demo", 450.0),
-        "--by card needs a screen … --by eyes",
     ),
 }

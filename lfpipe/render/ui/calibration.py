@@ -1,6 +1,4 @@
-"""The page that measures the camera's focal length by the distance of the viewer's eyes (key k),
-and the measurement itself, which `lfpipe calibrate` shares.
-"""
+"""The page that measures the camera's focal length by the distance of the viewer's eyes (key k)."""
 
 import math
 from collections import deque
@@ -12,7 +10,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.config.camera_pose import camera_focal_px
 from lfpipe.config.modes import CameraViewer
 from lfpipe.config.modes import Viewer as ViewerKind
 from lfpipe.config.user_files import check_focal, keep_focal
@@ -32,7 +29,6 @@ SLIDER_MM = 300, 1500  # usual seats
 STEPS = {"alpha-": -STEP_MM, "less": -STEP_MM, "alpha+": STEP_MM, "more": STEP_MM}  # by event
 MEASURED_FRAMES = 45  # with a face: one and a half seconds
 SPREAD = 0.05  # limit of the interquartile range as a share of the median: the viewer moved
-CHECK_MM = 200  # between the two distances: enough to tell an error of a few percent
 RING = 1.6  # radius over the distance of the eyes: around the face
 BELOW = 0.4  # of the preview's height: the lines and buttons lie there
 # BGR, the eyes as the lenses of most glasses
@@ -100,18 +96,15 @@ class StillEyes:
 
     def __init__(self) -> None:
         self._px: deque[float] = deque(maxlen=MEASURED_FRAMES)
-        self.restless = 0  # frames since the ring was full
-        self.has_face = self.seen = False
+        self.has_face = False
 
     def add(self, eye_distance_px: float | None) -> None:
         """Takes the distance in the next frame, None without a face."""
         self.has_face = eye_distance_px is not None
         if eye_distance_px is not None:
-            self.seen = True
             self._px.append(eye_distance_px)
             if not median_of(self._px)[1]:
                 self._px.clear()
-        self.restless = 0 if self.share == 1.0 else self.restless + 1
 
     @property
     def share(self) -> float:
@@ -143,25 +136,15 @@ def mirrored(
     return drawn
 
 
-def calibration_page(
-    distance: Distance, ready: bool, has_face: bool, off_mm: float | None = None
-) -> Overlay:
-    """The lines and buttons. off_mm: by how much the stored measurement is off at this distance;
-    None: nothing is stored yet.
-    """
-    checks = off_mm is not None
-    task = "Look into the camera; set its distance."
+def calibration_page(distance: Distance, ready: bool, has_face: bool, is_stored: bool) -> Overlay:
+    """The lines and buttons."""
     state = "Hold still until the ring is full." if has_face else "No face: sit in good light."
-    if off_mm is not None:
-        task = "Stored. To check it, move, and set the distance."
-        if ready:
-            state = f"Measured {distance.mm + off_mm:.0f} mm, off by {off_mm:+.0f} mm."
-    elif ready:
-        state = "Measured. Accept it."
-    # each keeps its place, so a double click on Accept does not hit another one
-    accept = attrs.evolve(ACCEPT, off=checks or not ready)
-    again = attrs.evolve(AGAIN, off=not checks)
-    return Overlay(lines=(task, state), items=(*distance.items, accept, again), types=True)
+    if ready:
+        state = "Stored." if is_stored else "Measured. Accept it."
+    items = (*distance.items, attrs.evolve(ACCEPT, off=is_stored or not ready), AGAIN)
+    return Overlay(
+        lines=("Look into the camera; set its distance.", state), items=items, types=True
+    )
 
 
 def _save(viewer: ViewerKind, focal_px: float, width_px: int) -> None:
@@ -173,7 +156,7 @@ def _save(viewer: ViewerKind, focal_px: float, width_px: int) -> None:
 
 class CalibrationPage(Page):
     """The camera's mirrored picture in place of the scene, and the distance to set. Accept asks to
-    store the focal length; then the page shows by how much it is off at another distance.
+    store the focal length.
     """
 
     def __init__(self, context: Context, presenter: Presenter, files: Files) -> None:
@@ -181,7 +164,7 @@ class CalibrationPage(Page):
         self._files = files
         self._presenter = presenter
         self.distance = Distance(f"{context.options.calibrate_mm or USUAL_MM:g}")
-        self._stored_mm = 0.0  # the accepted distance; 0: none yet
+        self._is_stored = False
         self._eyes = StillEyes()
         self._rings = list[Reader]()
         self._record = np.zeros((), EYES)
@@ -191,26 +174,21 @@ class CalibrationPage(Page):
     def open(self) -> None:
         segment = self._context.spec.session.segment
         self._rings = [Reader(segment("frames")), Reader(segment("eyes"))]
-        self._begin(self.distance.mm)
+        self._begin()
         self._presenter.draw_by(self._draw)
 
     def close(self) -> None:
         self._presenter.draw_by(draw_scene)
-        if self._stored_mm:
-            self.distance.set(self._stored_mm)
         while self._rings:
             self._rings.pop().close()
 
-    def _begin(self, mm: float, stored_mm: float = 0.0) -> None:
-        """Measures at a distance, to store it or to check what is stored."""
-        self.distance.set(mm)
-        self._stored_mm = stored_mm
+    def _begin(self) -> None:
+        self._is_stored = False
         self._eyes = StillEyes()
 
     def stored(self) -> None:
         """Called when what was accepted is stored and applies."""
-        if not self._stored_mm and self._rings:
-            self._begin(self.distance.mm + CHECK_MM, self.distance.mm)
+        self._is_stored = True
 
     @property
     def _is_ready(self) -> bool:
@@ -218,7 +196,7 @@ class CalibrationPage(Page):
 
     def take(self, event: Event) -> bool:
         if event == ACCEPT.event:
-            if self._is_ready and not self._stored_mm:
+            if self._is_ready and not self._is_stored:
                 eyes_mm = self._context.config.screen.eyes_mm
                 focal_px = round(self._eyes.median_px * self.distance.mm / eyes_mm, 1)
                 viewer, width_px = self._context.options.viewer, self._frame.shape[1]
@@ -227,9 +205,11 @@ class CalibrationPage(Page):
                     lambda _: self._context.request("keep", focal_px=focal_px),
                 )
         elif event == AGAIN.event:
-            self._begin(self._stored_mm or self.distance.mm)
+            self._begin()
+        elif self.distance.take(event):
+            self._is_stored = False
         else:
-            return self.distance.take(event)
+            return False
         return True
 
     def overlay(self, t_ns: int) -> Overlay:
@@ -240,12 +220,7 @@ class CalibrationPage(Page):
             seen = EyesRecord.of(self._record)
             distance_px = seen.eye_distance_px or math.dist(seen.raw_px[:2], seen.raw_px[2:])
             self._eyes.add(distance_px if seen.face else None)
-        off_mm = None
-        if self._stored_mm:
-            config = self._context.config
-            px_mm = camera_focal_px(config, self._frame.shape[1]) * config.screen.eyes_mm
-            off_mm = px_mm / max(self._eyes.median_px, 1.0) - self.distance.mm
-        return calibration_page(self.distance, self._is_ready, self._eyes.has_face, off_mm)
+        return calibration_page(self.distance, self._is_ready, self._eyes.has_face, self._is_stored)
 
     def _draw(self, _viewer: Viewer, _key: Key) -> Drawing:
         eyes_px = self._record["raw_px"].tolist() if self._eyes.has_face else []
