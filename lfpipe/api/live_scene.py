@@ -5,8 +5,9 @@ import math
 from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from lfpipe.api.arguments import ArrayLike, typed
 from lfpipe.errors import UserError
 from lfpipe.host.segment import Segment, abandoned, unlink
 from lfpipe.live.records import VIEWPOINTS
@@ -62,12 +63,18 @@ class LiveScene:
     ...     scene.write(np.full((1, 2, 48, 64, 3), 128, np.uint8))
     """
 
-    def __init__(self, name: str, *, rows: int, cols: int, size_px: tuple[int, int]) -> None:
+    @typed
+    def __init__(
+        self,
+        name: str,
+        *,
+        rows: int,
+        cols: int,
+        size_px: tuple[int, int],
+    ) -> None:
         check_name(name)
         _check_range("rows", rows, MAX_SIDE_VIEWS)
         _check_range("cols", cols, MAX_SIDE_VIEWS)
-        if len(size_px) != 2:
-            raise UserError(f"size_px {size_px!r}: not two numbers", "give (width, height)")
         for what, value in zip(("width", "height"), size_px, strict=True):
             _check_range(f"size_px {what}", value, MAX_SIDE_PX)
         if rows * cols < 2:
@@ -198,9 +205,9 @@ class LiveScene:
         self.close()
 
 
-def _check_range(what: str, value: object, most: int) -> None:
-    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= most:
-        raise UserError(f"{what} {value!r}: not a number from 1 to {most}", f"use 1 to {most}")
+def _check_range(what: str, value: int, most: int) -> None:
+    if not 1 <= value <= most:
+        raise UserError(f"{what} {value}: not a number from 1 to {most}", f"use 1 to {most}")
 
 
 def _remove(made: Segment) -> None:

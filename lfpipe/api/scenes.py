@@ -9,9 +9,9 @@ from typing import Any
 
 import attrs
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from lfpipe.api.arguments import numbers, typed
+from lfpipe.api.arguments import ArrayLike, Number, WholeNumber, numbers, typed
 from lfpipe.config import Config, Scene, updated
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import replaced
@@ -147,11 +147,11 @@ def scene_path(
 @typed
 def render_view(
     field: LightField,
-    row: float,
-    col: float,
+    row: Number,
+    col: Number,
     *,
     method: str = "auto",
-    frame: int = 0,
+    frame: WholeNumber = 0,
     order: str = "bgr",
 ) -> NDArray[np.uint8]:
     """The view of a camera on the grid.
@@ -188,11 +188,11 @@ def render_view(
 @typed
 def render_anaglyph(
     field: LightField,
-    left: tuple[float, float],
-    right: tuple[float, float],
+    left: tuple[Number, Number],
+    right: tuple[Number, Number],
     *,
     mode: str = "dubois",
-    frame: int = 0,
+    frame: WholeNumber = 0,
     settings: Mapping[str, Any] | None = None,
     order: str = "bgr",
 ) -> NDArray[np.uint8]:
@@ -237,26 +237,11 @@ def _ordered(picture: NDArray[np.uint8], order: str) -> NDArray[np.uint8]:
 
 
 def _check(field: LightField, place: tuple[float, float], beyond: float, frame: int) -> None:
-    if not isinstance(field, LightField):
+    if not 0 <= frame < field.frames:
         raise UserError(
-            f"field is a {type(field).__name__}, not a light field",
-            "open it with lfpipe.open_scene",
+            f"frame {frame}: the scene has {field.frames} frames", f"use 0 to {field.frames - 1}"
         )
-    if (
-        isinstance(frame, bool)
-        or not isinstance(frame, int | np.integer)
-        or not 0 <= frame < field.frames
-    ):
-        raise UserError(
-            f"frame {frame!r}: the scene has {field.frames} frames", f"use 0 to {field.frames - 1}"
-        )
-    try:
-        row, col = map(float, place)
-    except (TypeError, ValueError):
-        raise UserError(
-            f"{place!r} is not a place on the grid of views", "give two numbers: (row, col)"
-        ) from None
-    for name, value, count in (("row", row, field.rows), ("col", col, field.cols)):
+    for name, value, count in zip(("row", "col"), place, (field.rows, field.cols), strict=True):
         if not -beyond <= value <= count - 1 + beyond:
             raise UserError(
                 f"{name} {value:g}: the scene has {count} views that way",

@@ -16,9 +16,9 @@ from typing import Any, Self
 
 import attrs
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from lfpipe.api.arguments import typed
+from lfpipe.api.arguments import ArrayLike, Number, typed
 from lfpipe.api.scenes import ScenePath, scene_path
 from lfpipe.api.tracker import Eyes
 from lfpipe.config import Config, Snapshot, converter, updated
@@ -96,7 +96,7 @@ class Attachment:
         return converter().structure(self.ask({"cmd": "hello"}), Snapshot).config
 
     @typed
-    def frame(self, timeout_s: float = 2.0) -> Frame:
+    def frame(self, timeout_s: Number = 2.0) -> Frame:
         """The next camera frame.
 
         Parameters
@@ -116,7 +116,7 @@ class Attachment:
         return Frame(picture, self._next("frames", picture, timeout_s))
 
     @typed
-    def eyes(self, timeout_s: float = 2.0) -> Eyes | None:
+    def eyes(self, timeout_s: Number = 2.0) -> Eyes | None:
         """The eyes of the next frame.
 
         Parameters
@@ -175,7 +175,7 @@ class Attachment:
         return self._watch.read().to_dict()
 
     @typed
-    def ask(self, message: control.Message, timeout_s: float = 3.0) -> control.Message:
+    def ask(self, message: control.Message, timeout_s: Number = 3.0) -> control.Message:
         """Sends a command (docs/contracts.md).
 
         Parameters
@@ -230,7 +230,7 @@ class Attachment:
         self.ask({"cmd": "load", "scene": str(path.resolve())}, LOAD_S)
 
     @typed
-    def wait(self, timeout_s: float | None = None) -> bool:
+    def wait(self, timeout_s: Number | None = None) -> bool:
         """Waits until the session has ended; returns False if it still runs after timeout_s."""
         end = None if timeout_s is None else time.monotonic() + timeout_s
         if self._closed:
@@ -373,7 +373,7 @@ class Session(Attachment):
         return f": {self._failure().message}"
 
     @typed
-    def wait(self, timeout_s: float | None = None) -> bool:
+    def wait(self, timeout_s: Number | None = None) -> bool:
         """Waits until the session has ended; returns False if it still runs after timeout_s.
 
         Raises

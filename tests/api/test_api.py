@@ -75,17 +75,11 @@ def test_render_anaglyph_for_two_eyes(field: lfpipe.LightField) -> None:
     assert (anaglyph != again).any()  # each is an array of its own
 
 
-# takes whatever a program may give it
-ANAGLYPH: Any = lfpipe.render_anaglyph
 CALLS: list[tuple[Callable[[Any], object], str]] = [
     (lambda field: lfpipe.render_view(field, 9, 0), "row 9"),
-    (lambda _: lfpipe.render_view("/p", 0, 0), "str, not a light field"),  # type: ignore[arg-type]
-    (lambda _: ANAGLYPH(None, (0, 0), (0, 1)), "not a light field"),
     (lambda field: lfpipe.render_view(field, float("nan"), 0), "row nan"),
     (lambda field: lfpipe.render_view(field, 0, 0, method="neerest"), "did you mean 'nearest'"),
     (lambda field: lfpipe.render_anaglyph(field, (0, 0), (0, 99)), "col 99"),
-    (lambda field: ANAGLYPH(field, ("a", 1), (0, 1)), "('a', 1)"),
-    (lambda field: ANAGLYPH(field, (0, 0, 0), (0, 1)), "(0, 0, 0)"),
     (lambda field: lfpipe.render_view(field, 0, 0, frame=3), "frame 3"),
     (lambda field: lfpipe.render_view(field, 0, 0, frame=-1), "frame -1"),
     (lambda field: lfpipe.open_scene(np.zeros((3, 3))), "(3, 3)"),
@@ -106,33 +100,49 @@ def test_api_names_mistakes_with_a_remedy(
     assert why in refusal(call, field).message
 
 
+# take whatever a program may give them
 SESSION: Any = lfpipe.Session
 OPEN: Any = lfpipe.open_scene
 REPLAY: Any = lfpipe.replay
+VIEW: Any = lfpipe.render_view
+ANAGLYPH: Any = lfpipe.render_anaglyph
 VIEWS = np.zeros((1, 2, 8, 8, 3), np.uint8)
-WRONG: list[tuple[Callable[[], object], str]] = [
-    (lambda: SESSION(settings=3j), "settings must be Mapping or NoneType, not complex"),
-    (lambda: SESSION(settings=np.zeros(3)), "settings must be Mapping or NoneType, not ndarray"),
-    (lambda: SESSION(settings={1: 2}), "settings must have keys that are text"),
-    (lambda: SESSION(camera=0), "camera must be str or NoneType, not int"),
-    (lambda: SESSION(trace=[]), "trace must be str or PathLike or NoneType, not list"),
-    (lambda: SESSION(lambda: 0), "scene must be an array of numbers, not function"),
-    (lambda: SESSION([[1], [1, 2]]), "scene must be an array: "),
-    (lambda: SESSION(np.array([object()])), "scene must be an array of numbers, not an array of"),
-    (lambda: lfpipe.attach(5), "session must be str, not int"),  # type: ignore[arg-type]
-    (lambda: lfpipe.Tracker("x"), "settings must be Mapping"),  # type: ignore[arg-type]
-    (lambda: OPEN(VIEWS, invert_depth=1), "invert_depth must be bool or NoneType, not int"),
-    (lambda: OPEN(VIEWS, disparity=lambda: 0), "disparity must be an array of numbers"),
-    (lambda: REPLAY(b"/x"), "sequence must be str or PathLike, not bytes"),
-    (lambda: REPLAY("/x", pace=30), "pace must be str, not int"),
+# a call with a wrong type -> the parameter, and the given type or the element that is wrong
+WRONG: list[tuple[Callable[[Any], object], str, str]] = [
+    (lambda _: SESSION(settings=3j), "settings", "complex"),
+    (lambda _: SESSION(settings=np.zeros(3)), "settings", "ndarray"),
+    (lambda _: SESSION(settings={1: 2}), "settings", "key int 1"),
+    (lambda _: SESSION(camera=0), "camera", "int 0"),
+    (lambda _: SESSION(trace=[]), "trace", "list"),
+    (lambda _: SESSION(lambda: 0), "scene", "not function"),
+    (lambda _: SESSION([[1], [1, 2]]), "scene", "must be an array"),
+    (lambda _: SESSION(np.array([object()])), "scene", "not an array of object"),
+    (lambda _: lfpipe.attach(5), "session", "int 5"),  # type: ignore[arg-type]
+    (lambda _: lfpipe.Tracker("x"), "settings", "str"),  # type: ignore[arg-type]
+    (lambda _: OPEN(VIEWS, invert_depth=1), "invert_depth", "int 1"),
+    (lambda _: OPEN(VIEWS, disparity=lambda: 0), "disparity", "not function"),
+    (lambda _: REPLAY(b"/x"), "sequence", "bytes"),
+    (lambda _: REPLAY("/x", pace=30), "pace", "int 30"),
+    (lambda _: VIEW("/p", 0, 0), "field", "str"),
+    (lambda field: VIEW(field, "1", 0), "row", "str"),
+    (lambda field: VIEW(field, 0, 0, frame=0.0), "frame", "float"),
+    (lambda field: ANAGLYPH(field, ("a", 1), (0, 1)), "left", "str 'a'"),
+    (lambda field: ANAGLYPH(field, (0, 0), (0, 0, 0)), "right", "(0, 0, 0)"),
 ]
 
 
-@pytest.mark.parametrize(("call", "words"), WRONG)
-def test_api_names_the_parameter_of_a_wrong_type(call: Callable[[], object], words: str) -> None:
+@pytest.mark.parametrize(("call", "parameter", "given"), WRONG)
+def test_api_names_the_parameter_of_a_wrong_type(
+    field: lfpipe.LightField, call: Callable[[Any], object], parameter: str, given: str
+) -> None:
     with pytest.raises(TypeError) as raised:
-        call()
-    assert str(raised.value).startswith(words)
+        call(field)
+    assert re.search(rf"\b{parameter}\b", str(raised.value)) and given in str(raised.value)
+
+
+def test_api_takes_numbers_of_numpy(field: lfpipe.LightField) -> None:
+    shown = VIEW(field, np.float32(1), np.int64(2), frame=np.uint8(0))
+    np.testing.assert_array_equal(shown, lfpipe.render_view(field, 1, 2))
 
 
 @pytest.mark.parametrize(
