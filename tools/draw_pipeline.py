@@ -235,7 +235,6 @@ def _live(by_name: dict[str, Box]) -> list[str]:
         *_row(row),
         line(way, width=2.5),
         text((last.right + 12, last.y - 8), "views, disparity", anchor="start"),
-        text((row[0].x, row[0].bottom + 16), "record reads views, too"),
         text((row[2].x, row[2].bottom + 16), "reads the viewpoints that render writes"),
     ]
 

@@ -1,6 +1,6 @@
 """Names of live light fields, and what their sources deliver.
 
-    live:SOURCE[,SOURCE...][?layout=side-by-side|over-under|rgbd|mosaic&grid=RxC&size=WxH]
+    live:SOURCE[,SOURCE...][?layout=side-by-side|over-under|mosaic&grid=RxC&size=WxH]
 
 SOURCE is a source of `spec.KINDS`, or a device file; its own parameters may follow. Several are
 cameras in a row, from left to right.
@@ -17,9 +17,8 @@ from lfpipe.config.user_files import measured_placement
 from lfpipe.errors import UserError
 from lfpipe.live.shared_scene import attached, two_cameras
 
-FORM = "live:SOURCE?layout=side-by-side|over-under|rgbd|mosaic&grid=RxC&size=WxH"
+FORM = "live:SOURCE?layout=side-by-side|over-under|mosaic&grid=RxC&size=WxH"
 LAYOUTS = {"side-by-side": ((1, 2), 2), "over-under": ((1, 2), 1)}  # grid, tiles across
-DEPTH = "rgbd"  # a picture and its depth, side by side or one below the other
 WIDE = 2.2  # width over height of a frame, from which it holds two views side by side
 SMALLEST_PX = 48  # of a view
 OWN = ("layout", "grid", "size")  # parameters; others are the source's
@@ -52,9 +51,7 @@ def check_live(text: str, config: Config) -> LiveSource:
         cols=cols,
         tiles_across=across,
         frame_px=frame_px,
-        jpeg=info.jpeg and info.size_px == frame_px,
         drawn=isinstance(kind, RingKind),
-        depth=own.get("layout") == DEPTH and not isinstance(kind, RingKind | RowKind),
     )
     down = rows * cols // across
     if frame_px[0] % across or frame_px[1] % down:
@@ -143,8 +140,6 @@ def _grid(
         layout = "side-by-side"
     if layout == "mosaic" and given is not None and given != (1, 1):
         return given, given[1]
-    if layout == DEPTH and given is None:  # halves side by side are together wider than high
-        layout = "side-by-side" if frame_px[0] > frame_px[1] else "over-under"
     if layout in LAYOUTS and given in (None, (1, 2)):
         return LAYOUTS[layout]
     if not layout:
@@ -153,6 +148,5 @@ def _grid(
         problem = f"layout={layout}" + (f"&grid={own['grid']}" if given else "") + " is no layout"
     raise UserError(
         f"{text}: {problem}",
-        "add ?layout=side-by-side, ?layout=over-under, ?layout=rgbd or"
-        " ?layout=mosaic&grid=ROWSxCOLUMNS",
+        "add ?layout=side-by-side, ?layout=over-under or ?layout=mosaic&grid=ROWSxCOLUMNS",
     )

@@ -2,7 +2,7 @@
 
 Reads: the source in option "source".
 Writes: ring "frames", one slot per frame, decoded in place; while a recording runs, ring "packets"
-with the original JPEGs; from a recording of a live scene, ring "views".
+with the original JPEGs.
 Commands: stop; pause and resume by configuration: a recording stands still, and a camera is read
 once a second, its frames dropped. While nobody looks, eight frames a second are published, and a
 camera is read as often.
@@ -21,7 +21,6 @@ from lfpipe.capture.content import ContentWatch
 from lfpipe.capture.frame_source import BrokenFrame, Frame, SourceInfo
 from lfpipe.capture.open_source import camera_settings, check_source, open_source
 from lfpipe.capture.reconnecting_camera import CameraLost
-from lfpipe.capture.recorded_views import RecordedViews
 from lfpipe.capture.schedule import Lateness
 from lfpipe.config import Camera
 from lfpipe.config.modes import Lossless, RecordedEyes
@@ -71,8 +70,7 @@ class _LightWatch:
 class CaptureStage:
     """Reads a source, and publishes its frames when they are due.
 
-    source, camera: as for `open_source`. ring: for its frames. packets: for their JPEGs. views: of
-    the same recording.
+    source, camera: as for `open_source`. ring: for its frames. packets: for their JPEGs.
     """
 
     def __init__(
@@ -82,13 +80,11 @@ class CaptureStage:
         camera: Camera,
         ring: str,
         packets: PacketOutput | None = None,
-        views: RecordedViews | None = None,
     ) -> None:
         self._context = context
         self._lossless = isinstance(context.options.clock, Lossless)
         self._frames = context.output(ring)
         self._packets = packets
-        self._views = views
         with context.setting_up("opening the source"):
             self._source = open_source(source, camera, reconnect=True)
         self._report_source()
@@ -191,9 +187,6 @@ class CaptureStage:
         reading it.
         """
         self._note_gap()
-        if self._views is not None:
-            due_ns = frame.t_sensor_ns + self._lateness.moved_ns
-            self._views.publish_before(frame.source_seq, due_ns)
         context = self._context
         t_sensor_ns = frame.t_sensor_ns + self._lateness.moved_ns
         spare = self._nobody_looks and t_sensor_ns < self._published_ns + IDLE_NS
@@ -285,7 +278,7 @@ def main(context: Context) -> None:
     """Runs the stage until it is stopped or the source ends."""
     packets = PacketOutput(context.spec.session, "packets")
     camera = camera_settings(context.config)
-    source, live = context.options.viewer.source, context.options.live
+    source = context.options.viewer.source
     if context.spec.request:  # a viewer that is exchanged while the session runs
         with context.setting_up("opening the source"):
             found = check_source(source, camera)
@@ -296,8 +289,7 @@ def main(context: Context) -> None:
             )
         source = found.source
         context.answer({"number": context.spec.request}, **attrs.asdict(found))
-    views = RecordedViews(context, live) if live is not None and live.recorded else None
-    run(CaptureStage(context, source, camera, "frames", packets, views), context)
+    run(CaptureStage(context, source, camera, "frames", packets), context)
 
 
 def run(stage: CaptureStage, context: Context) -> None:

@@ -1,15 +1,13 @@
 """Views: frames with all views of a live light field, into the ring of views.
 
 Reads: the source in option "live".
-Writes: ring "views", one slot per frame, decoded in place; while a recording runs, the ring of
-option "jpeg_views" with the original JPEGs.
+Writes: ring "views", one slot per frame, decoded in place.
 Commands and messages: those of `lfpipe.capture.stage`, which does the work.
 """
 
 from lfpipe.capture.live_source import live_camera
 from lfpipe.capture.stage import CaptureStage, run
 from lfpipe.transport.context import Context
-from lfpipe.transport.packet_ring import PacketOutput
 
 
 def main(context: Context) -> None:
@@ -17,5 +15,4 @@ def main(context: Context) -> None:
     live = context.options.live
     assert live is not None
     camera = live_camera(context.config, live.frame_px)
-    packets = PacketOutput(context.spec.session, "jpeg_views")
-    run(CaptureStage(context, live.source, camera, "views", packets), context)
+    run(CaptureStage(context, live.source, camera, "views"), context)

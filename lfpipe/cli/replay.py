@@ -19,7 +19,6 @@ from lfpipe.errors import UserError
 from lfpipe.files.output import check_output, check_outside
 from lfpipe.files.safe_files import temporary_folder
 from lfpipe.host.files import is_dir
-from lfpipe.live.field import LiveViews
 from lfpipe.replays import run
 from lfpipe.replays.compare import Comparison, cases_of, check_reference, compare
 from lfpipe.replays.report import (
@@ -31,7 +30,6 @@ from lfpipe.replays.report import (
     write_junit,
 )
 from lfpipe.sequence.folder import open_sequence
-from lfpipe.sequence.views import open_views
 
 PACES = ("step", "max", "recorded")
 Cases = list[tuple[str, list[str]]]
@@ -43,7 +41,7 @@ Cases = list[tuple[str, list[str]]]
     "--scene",
     type=PATH,
     metavar="S",
-    help="Light field.  [default: the live scene in SEQ, or the demo]",
+    help="Light field.  [default: the demo]",
 )
 @click.option(
     "--pace",
@@ -118,8 +116,6 @@ def _replayed(
     if against is not None:
         _require_reference(against)
     sequence = open_sequence(path)
-    views = open_views(path) if scene is None else None
-    live = views[1] if views is not None else None
     if not sequence.complete:
         say(
             f"{path} was cut off during recording: replaying its {len(sequence.packets)} whole"
@@ -131,13 +127,13 @@ def _replayed(
         replace = held.enter_context(run.update_of(new)) if new is not None else None
         folder = held.enter_context(temporary_folder("replay")) if out is None else out
         run.check_out(folder)
-        field = opened(scene, config) if live is None else LiveViews(live, path.name).field
+        field = opened(scene, config)
         if against is not None:
             inputs = {"sequence": about_sequence(sequence), "scene": about_scene(field)}
             check_reference(against, inputs)
         run.clear_out(folder)
         kept = pace == "step" and (out is not None or expect is not None)
-        _summary(run.replay(sequence, field, config, pace, folder, kept, say, live))
+        _summary(run.replay(sequence, field, config, pace, folder, kept, say))
         if against is not None:
             compared = compare(against, folder, keeps=out is not None)
         if replace is not None:

@@ -15,7 +15,6 @@ import attrs
 import click
 import numpy as np
 
-from lfpipe.capture.live_source import check_devices, check_live
 from lfpipe.capture.open_source import camera_name, camera_settings, check_source, clock_of
 from lfpipe.capture.recordings import open_recording
 from lfpipe.cli.launch import exit_code
@@ -23,7 +22,7 @@ from lfpipe.cli.options import CAMERA, DURATION, PATH, Number, with_config
 from lfpipe.cli.plugged import Group
 from lfpipe.cli.terminal import print_result, say
 from lfpipe.config import Config, SessionOptions
-from lfpipe.config.modes import Live, RecordedEyes
+from lfpipe.config.modes import RecordedEyes
 from lfpipe.config.user_files import with_measured_focal
 from lfpipe.errors import UserError, plain
 from lfpipe.files.safe_files import create_private, open_regular
@@ -32,7 +31,6 @@ from lfpipe.host.machine import versions
 from lfpipe.sequence import edit
 from lfpipe.sequence.eyes import TRUTH, read_truth, table_of
 from lfpipe.sequence.folder import (
-    VIEWS,
     Sequence,
     check_out,
     check_sums,
@@ -41,7 +39,6 @@ from lfpipe.sequence.folder import (
     remove_empty,
 )
 from lfpipe.sequence.packets import encoded
-from lfpipe.sequence.views import Known, open_views
 from lfpipe.supervisor.session import run_session
 from lfpipe.transport.session import Session
 
@@ -52,31 +49,23 @@ SEQUENCES = click.argument("paths", type=PATH, metavar="SEQ...", nargs=-1, requi
 @click.command()
 @click.argument("out", type=PATH)
 @CAMERA
-@click.option("--scene", metavar="live:SRC", help="Record its views, too.")
 @DURATION
 @with_config
-def record(
-    out: Path, camera: str | None, scene: str | None, duration_s: float | None, config: Config
-) -> int:
+def record(out: Path, camera: str | None, duration_s: float | None, config: Config) -> int:
     """Record a camera to the new folder OUT, for `lfpipe replay`.
 
     Stop with Ctrl-C. See also `lfpipe ctl record`.
     """
     viewer = check_source(camera or config.camera.source, camera_settings(config))
-    live = None
-    if scene is not None:
-        live = check_live(scene, config)
-        check_devices(scene, live, viewer.source)
     config = with_measured_focal(config, camera_name(viewer.source))
     check_out(out)
     # the tracker plays recorded eyes
     viewer = attrs.evolve(viewer, tracked=isinstance(viewer, RecordedEyes))
     options = SessionOptions(
         viewer=viewer,
-        clock=Live() if live is not None else clock_of(viewer.source),
+        clock=clock_of(viewer.source),
         show=False,
         record=str(out.resolve()),
-        live=live,
     )
     try:
         outcome = run_session(Session(f"record.{os.getpid()}"), config, options, say, duration_s)
@@ -118,25 +107,16 @@ def info(paths: tuple[Path, ...], as_json: bool) -> int:
 def _info(path: Path, as_json: bool) -> None:
     recorded = open_sequence(path, verify=False)
     about = _about(recorded)
-    if (views := open_views(path, verify=False)) is not None:
-        about[VIEWS] = {**_about(views[0]), **views[0].manifest[VIEWS]}
     if as_json:
         print_result(json.dumps(about))
         return
-    _print_about(path, about)
-
-
-def _print_about(path: Path, about: dict[str, Any]) -> None:
     print_result(path)
-    views = about.pop(VIEWS, None)
     about["versions"] = [f"{name} {version}" for name, version in about["versions"].items()]
     for name, value in about.items():
         print_result(
             f"  {name:<12}"
             f" {plain(', '.join(value) if isinstance(value, list) else str(value), 400)}"
         )
-    if views is not None:
-        _print_about(path / VIEWS, views)
 
 
 def _about(recorded: Sequence) -> dict[str, Any]:
@@ -165,22 +145,15 @@ def check(paths: tuple[Path, ...]) -> int:
 
 def _check(path: Path) -> None:
     recorded = open_sequence(path, verify=False)
-    views = open_views(path, verify=False)
     read_frame = recorded.eyes if recorded.holds_eyes else recorded.frame
-    checks: list[Iterable[Callable[[], object]]] = [
+    checks: Iterable[Callable[[], object]] = itertools.chain(
         (partial(read_frame, seq) for seq in range(len(recorded.packets))),
         (partial(read_truth, path), partial(check_sums, recorded)),
-    ]
-    if views is not None:
-        checks += [
-            (partial(views[0].frame, seq) for seq in range(len(views[0].packets))),
-            (partial(Known.of, *views, seq) for seq in range(len(views[0].packets))),
-            (partial(check_sums, views[0]),),
-        ]
+    )
     said: list[str] = []
     count = 0
     remedy = ""
-    for check_one in itertools.chain(*checks):
+    for check_one in checks:
         try:
             check_one()
         except UserError as error:  # whose traceback holds the whole frame
@@ -195,8 +168,7 @@ def _check(path: Path) -> None:
         if recorded.complete
         else "cut off during recording, readable to its last whole frame"
     )
-    of_scene = f" and {len(views[0].packets)} of the scene" if views is not None else ""
-    print_result(f"{path}: {len(recorded.packets)} frames{of_scene}, all readable; {state}")
+    print_result(f"{path}: {len(recorded.packets)} frames, all readable; {state}")
 
 
 @sequence.command()

@@ -100,16 +100,10 @@ class LiveSource:
     tiles_across: int
     # (width, height)
     frame_px: tuple[int, int]
-    # whether a frame is a picture and its depth, in place of two views
-    depth: bool = False
     # whether a program draws it, which may know its disparity
     drawn: bool = False
     # of two cameras, measured by `lfpipe calibrate`
     placement: Placement | None = None
-    # whether a frame comes as a JPEG
-    jpeg: bool = False
-    # whether source is the folder of a recording, played with that of the viewer
-    recorded: bool = False
 
     @property
     def width_px(self) -> int:
@@ -181,7 +175,6 @@ class SessionOptions:
     # names of rings that exist only on demand
     pictures: str = ""
     packets: str = ""
-    jpeg_views: str = ""
     # the scene, if it is captured now
     live: LiveSource | None = None
     # what stages of other packages work on, by the name of the stage

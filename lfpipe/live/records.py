@@ -43,8 +43,7 @@ def disparity_dtype(live: LiveSource) -> np.dtype[np.void]:
 
     maps: as in `LightField.disparity`, in steps of scale_px; of views, the first `count` rows.
     positions: (row, col) of the left and the right eye, if the first two views were drawn for them,
-    else NaN. swapped: whether the left one of two cameras delivers the right view, or depth comes
-    before its picture. align: 2x3,
+    else NaN. swapped: whether the left one of two cameras delivers the right view. align: 2x3,
     from a pixel of an aligned view of the last column to one of the delivered view.
     """
     return np.dtype(
@@ -81,13 +80,9 @@ def eye_views(live: LiveSource) -> list[View]:
 def cut(
     frame: NDArray[np.uint8], live: LiveSource, view: View, swapped: bool = False
 ) -> NDArray[np.uint8]:
-    """A view in a frame: uint8 (height, width, 3) BGR, a part of it. Of a picture with its depth,
-    every view is the picture.
-
-    swapped: as in the record of disparity.
+    """A view in a frame: uint8 (height, width, 3) BGR, a part of it. swapped: as in the
+    record of disparity.
     """
-    if live.depth:
-        view = 0, 0
     row, col = live.tile((view[0], live.cols - 1 - view[1]) if swapped else view)
     top, left = row * live.height_px, col * live.width_px
     return frame[top : top + live.height_px, left : left + live.width_px]

@@ -34,7 +34,7 @@ def two_cameras(live: LiveSource) -> bool:
     """Whether the views are those of two cameras, which may be turned: a mosaic of many comes from
     one optical system, and a program's views are exact.
     """
-    return live.rows * live.cols == 2 and not (live.depth or live.drawn)
+    return live.rows * live.cols == 2 and not live.drawn
 
 
 def check_name(name: str) -> None:

@@ -1,7 +1,7 @@
 """Disparity: maps of the views that the viewer needs, for each frame of a live light field.
 
 Reads: ring "views", the newest frame; ring "viewpoints", the newest; of a program that draws the
-scene, its own ring, which may know the disparity. Depth beside a picture is taken from the frame.
+scene, its own ring, which may know the disparity.
 Writes: ring "disparity", one record for each frame that it had time for.
 Commands: stop; a lower rate and a faster estimator by option "level".
 Emits: alignment (rotation of the right camera).
@@ -13,9 +13,8 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.live.depth_picture import DepthPicture
 from lfpipe.live.estimator import UNTURNED, Estimator, Found
-from lfpipe.live.program import Program, RecordedProgram
+from lfpipe.live.program import Program
 from lfpipe.live.records import VIEWPOINTS, Pair, pairs_in_need, views_of
 from lfpipe.live.shared_scene import two_cameras
 from lfpipe.transport import ring
@@ -38,10 +37,7 @@ class DisparityStage:
         self._views = context.input("views")
         self._viewpoints = ring.Reader(context.spec.session.segment("viewpoints"))  # wakes nobody
         self._output = context.output("disparity")
-        self._program: Program | RecordedProgram | None = None
-        if live.drawn:
-            self._program = RecordedProgram(live) if live.recorded else Program(live)
-        self._depth = DepthPicture(live) if live.depth else None
+        self._program = Program(live) if live.drawn else None
         self._estimator = Estimator(live, aligns=two_cameras(live))
         self._at = np.zeros((), VIEWPOINTS)
         self._at["left"] = self._at["right"] = (live.rows - 1) / 2, (live.cols - 1) / 2
@@ -84,11 +80,6 @@ class DisparityStage:
                 self._program.tell(self._at)
             if (known := self._program.found(stamp, views_of(pairs))) is not None:
                 return known
-        if self._depth is not None:
-            found = self._depth.read(frame, context.config.scene.invert_depth == "yes")
-            if self._depth.unclear_frames == UNCLEAR_FRAMES:
-                context.notify("neither half of the frames looks like depth: not layout=rgbd?")
-            return found
         before = self._estimator.swapped
         found = self._estimator.estimate(frame, pairs, coarse)
         if self._estimator.strange_frames == UNCLEAR_FRAMES:
@@ -105,7 +96,7 @@ class DisparityStage:
         found.write(
             self._output.begin(),
             UNTURNED if aligned is None else aligned.matrix,
-            (self._depth or self._estimator).swapped,
+            self._estimator.swapped,
         )
         self._output.publish(
             stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind

@@ -1,10 +1,8 @@
 """Stage record: writes every frame to a folder on disk, or the eyes that the mouse makes.
 
 Reads: ring "frames", every slot in order; the ring of option "packets", the source's JPEGs if it
-delivers them; of a session of the mouse, ring "eyes" in place of frames; of a live scene, ring
-"views" and that of option "jpeg_views"; of one that a program draws, the ring of that.
-Writes: the sequence in the folder of option "record", and the one of a live scene in a folder of
-it; they end when the option changes.
+delivers them; of a session of the mouse, ring "eyes" in place of frames.
+Writes: the sequence in the folder of option "record"; it ends when the option changes.
 Commands: stop. Asks: record (to end the recording, if writing fails).
 Emits: notice (end of a recording, lost frames).
 """
@@ -16,7 +14,7 @@ from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import attrs
 import numpy as np
@@ -28,11 +26,9 @@ from lfpipe.eyes import EYES
 from lfpipe.host.files import exists
 from lfpipe.host.machine import versions
 from lfpipe.host.processes import yield_to_others
-from lfpipe.live.program import Program
 from lfpipe.sequence.eyes import eyes_line
-from lfpipe.sequence.folder import MANIFEST, VIEWS, SequenceWriter, make_out, remove_empty
-from lfpipe.sequence.packets import encoded, scene_packet
-from lfpipe.sequence.views import about_grid
+from lfpipe.sequence.folder import MANIFEST, SequenceWriter, make_out, remove_empty
+from lfpipe.sequence.packets import encoded
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.packet_ring import PacketInput
@@ -52,12 +48,10 @@ class Frame(NamedTuple):
     codec: str
     """"" for a picture that is not encoded yet."""
     data: NDArray[np.uint8] | bytes
-    known: bytes = b""
-    """Besides, what a program knew of it."""
 
 
 class FramesInOrder(Protocol):
-    """Reads one stream of the session."""
+    """Reads what the session records."""
 
     size_px: tuple[int, int]
     """(width, height) of its frames."""
@@ -73,29 +67,17 @@ class FramesInOrder(Protocol):
 
 
 class FrameReader:
-    """Reads the frames of a ring in order, as the source's own JPEGs if it delivers them. size_px:
+    """Reads the viewer's frames in order, as the source's own JPEGs if it delivers them. size_px:
     of the stored frames.
     """
 
-    def __init__(
-        self,
-        context: Context,
-        name: str,
-        frame_px: tuple[int, int],
-        packets: str,
-        jpeg_px: tuple[int, int] | None,
-        program: Program | None = None,
-    ) -> None:
-        """name: of the ring. packets: of that of the JPEGs; "" without one. program: that draws
-        the frames.
-        """
-        self._program = program
+    def __init__(self, context: Context, jpeg_px: tuple[int, int] | None) -> None:
         self._row = context.row
-        self._frames = context.input(name)
-        self._ring_px = self.size_px = frame_px
+        self._frames = context.input("frames")
+        self._ring_px = self.size_px = context.config.camera.frame_px
         self._packets: PacketInput | None = None
         self._begun = True
-        if packets:
+        if packets := context.options.packets:
             with contextlib.suppress(FileNotFoundError):  # stopped before it began
                 self._packets = PacketInput(context.spec.session, packets)
                 self.size_px = jpeg_px or (0, 0)
@@ -123,16 +105,14 @@ class FrameReader:
                 self._row["drops"] += self._begun  # it is scaled, so it does not fit this recording
                 continue
             picture = slot.copy()
-            known = b"" if self._program is None else self._program.packed(stamp)
             if self._frames.still_valid(stamp):
-                return Frame(stamp, "", picture, known)
+                return Frame(stamp, "", picture)
         return None
 
     def close(self) -> None:
-        """Unmaps the packets and the program's ring."""
-        for part in (self._packets, self._program):
-            if part is not None:
-                part.close()
+        """Unmaps the packets."""
+        if self._packets is not None:
+            self._packets.close()
 
 
 class EyesReader:
@@ -202,7 +182,7 @@ class Store:
 
     def _write(self, frame: Frame) -> int:
         """When the frame was stored; 0 if it was not."""
-        stamp, codec, data, known = frame
+        stamp, codec, data = frame
         if self.failure:
             return 0
         self._begun_ns = now_ns()
@@ -210,11 +190,9 @@ class Store:
             if isinstance(data, bytes):
                 packet = data
             else:
-                lossless = "raw" if self._hurry and not known else "png"
+                lossless = "raw" if self._hurry else "png"
                 codec = lossless if self._lossless else "jpeg"
                 packet = encoded(data, codec)
-            if known:
-                codec, packet = "scene", scene_packet(packet, known)
             self._writer.append(
                 packet, codec, stamp.source_seq, stamp.epoch, stamp.t_sensor_ns, stamp.t_read_ns
             )
@@ -234,50 +212,6 @@ class Store:
         self._thread.shutdown()
 
 
-class Stream:
-    """One stream of the session on its way to a folder."""
-
-    def __init__(
-        self,
-        context: Context,
-        folder: Path,
-        reader: FramesInOrder,
-        source: str,
-        rate_hz: float,
-        **more: Any,
-    ) -> None:
-        """more: of the manifest. Raises OSError, UserError if nothing can be written."""
-        self.folder = folder
-        self.anew = not exists(folder / MANIFEST)
-        if self.anew and not (exists(folder) and not any(folder.iterdir())):
-            make_out(folder)  # unless a killed one made it
-        self.reader = reader
-        self._row = context.row
-        self._last_ns = 0
-        size_px = reader.size_px
-        config = context.config
-        self.writer = SequenceWriter(
-            folder,
-            redacted(source),
-            size_px,
-            rate_hz or config.render.nominal_hz,
-            versions=versions(),
-            **more,
-        )
-        lossless = config.record.format == "lossless"
-        self.store = Store(self.writer, 3 * math.prod(size_px), lossless)
-
-    def take(self) -> None:
-        """Passes new frames to the store while it has space."""
-        while not self.store.full and (frame := self.reader.take()) is not None:
-            t_sensor_ns = frame.stamp.t_sensor_ns
-            if t_sensor_ns > self._last_ns:
-                self._last_ns = t_sensor_ns
-                self.store.put(frame)
-            else:  # a repeated stamp means a repeated frame, which could not be replayed
-                self._row["drops"] += 1
-
-
 class Recorder:
     """The main thread's part: reads frames or eyes, updates the status row, reports errors."""
 
@@ -286,46 +220,54 @@ class Recorder:
         self._context = context
         self._folder = folder
         self._reported = self._slow = False
-        options = context.options
-        viewer = options.viewer
+        self._last_ns = 0
+        viewer = context.options.viewer
         camera = context.config.camera
         camera = attrs.evolve(camera, source=redacted(camera.source))
-        config = attrs.asdict(attrs.evolve(context.config, camera=camera))
+        config = attrs.evolve(context.config, camera=camera)
         if isinstance(viewer, MouseViewer | RecordedEyes):
             reader: FramesInOrder = EyesReader(context)
             unused = ["frames"] if isinstance(viewer, RecordedEyes) else []
         else:
-            reader = FrameReader(
-                context, "frames", camera.frame_px, options.packets, viewer.jpeg_px
-            )
+            reader = FrameReader(context, viewer.jpeg_px)
             unused = ["eyes"]
+        self._reader = reader
         self._unused = [context.input(name) for name in unused]
-        self._viewer = Stream(context, folder, reader, viewer.source, viewer.rate_hz, config=config)
-        self._streams = [self._viewer]
-        live = options.live
-        if live is not None:
-            px, hz, grid = live.frame_px, camera.nominal_hz, about_grid(live)
-            program = Program(live) if live.drawn else None
-            views = FrameReader(context, "views", px, options.jpeg_views, px, program)
-            self._streams.append(Stream(context, folder / VIEWS, views, live.source, hz, **grid))
-        self._lost_before = int(context.row["drops"]) if self._viewer.anew else 0
-        for stream in self._streams:
-            if stream.anew:
-                stream.reader.skip()
+        anew = not exists(folder / MANIFEST)
+        if anew and not (exists(folder) and not any(folder.iterdir())):
+            make_out(folder)  # unless a killed one made it
+        self._writer = SequenceWriter(
+            folder,
+            redacted(viewer.source),
+            reader.size_px,
+            viewer.rate_hz or config.render.nominal_hz,
+            versions=versions(),
+            config=attrs.asdict(config),
+        )
+        lossless = config.record.format == "lossless"
+        self._store = Store(self._writer, 3 * math.prod(reader.size_px), lossless)
+        self._lost_before = int(context.row["drops"]) if anew else 0
+        if anew:
+            reader.skip()
 
     def wait(self) -> bool:
         """Waits for frames, or for space to store them. False when the recording must end."""
         context = self._context
-        full = any(stream.store.full for stream in self._streams)
+        full = self._store.full
         context.wait(now_ns() + FULL_NS if full else None, inputs=not full)
         return not context.stopping and context.options.record == str(self._folder)
 
     def take(self) -> None:
-        """Passes new frames to the stores while they have space."""
+        """Passes new frames to the store while it has space."""
         for ring_input in self._unused:
             ring_input.skip()
-        for stream in self._streams:
-            stream.take()
+        while not self._store.full and (frame := self._reader.take()) is not None:
+            t_sensor_ns = frame.stamp.t_sensor_ns
+            if t_sensor_ns > self._last_ns:
+                self._last_ns = t_sensor_ns
+                self._store.put(frame)
+            else:  # a repeated stamp means a repeated frame, which could not be replayed
+                self._context.row["drops"] += 1
 
     def report(self) -> None:
         """Updates the status row.
@@ -333,47 +275,39 @@ class Recorder:
         After an error, reports it once and requests the end of the recording.
         """
         context = self._context
-        for stream in self._streams:
-            for stamp, t_taken_ns, t_stored_ns in stream.store.results():
-                context.row.count_output(stamp.source_seq)
-                context.row.record_latency(
-                    t_taken_ns - stamp.t_publish_ns,
-                    t_stored_ns - t_taken_ns,
-                    t_stored_ns - stamp.t_sensor_ns,
-                )
+        for stamp, t_taken_ns, t_stored_ns in self._store.results():
+            context.row.count_output(stamp.source_seq)
+            context.row.record_latency(
+                t_taken_ns - stamp.t_publish_ns,
+                t_stored_ns - t_taken_ns,
+                t_stored_ns - stamp.t_sensor_ns,
+            )
         context.row["cpu_ns"] = time.process_time_ns()
-        if any(stream.store.slow for stream in self._streams) != self._slow:
+        if self._store.slow != self._slow:
             self._slow = not self._slow
             context.row.set_busy("waiting for the disk" if self._slow else "")
-        failed = next((stream for stream in self._streams if stream.store.failure), None)
-        if failed is not None and not self._reported:
+        if self._store.failure and not self._reported:
             self._reported = True
-            stored = f"frames stored: {failed.writer.count}"
-            _give_up(context, f"recording {failed.folder}: {failed.store.failure}; {stored}")
+            stored = f"frames stored: {self._writer.count}"
+            _give_up(context, f"recording {self._folder}: {self._store.failure}; {stored}")
 
     def end(self) -> None:
-        """Stores the rest from rings and memory, and completes the sequences."""
+        """Stores the rest from rings and memory, and completes the sequence."""
         context = self._context
         with context.saving("writing the recording"):
             self.take()
-            for stream in self._streams:
-                stream.store.close()
+            self._store.close()
             self.report()
             missed = int(context.row["drops"]) - self._lost_before
-            counts = f"{self._viewer.writer.count} frames" + "".join(
-                f" and {views.writer.count} of the scene" for views in self._streams[1:]
-            )
-            text = f"recorded {counts} to {self._folder}" + (
+            text = f"recorded {self._writer.count} frames to {self._folder}" + (
                 f"; {missed} more were not stored" if missed else ""
             )
-            for stream in self._streams:
-                stream.reader.close()
-                try:
-                    stream.writer.complete()
-                except OSError as error:
-                    why = f"recording {stream.folder}: not completed: {error.strerror}"
-                    context.report_lost(why)
-            if not any(stream.writer.count for stream in self._streams):
+            self._reader.close()
+            try:
+                self._writer.complete()
+            except OSError as error:
+                context.report_lost(f"recording {self._folder}: not completed: {error.strerror}")
+            if not self._writer.count:
                 remove_empty(self._folder)
             context.notify(text)
 

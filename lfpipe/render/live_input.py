@@ -4,7 +4,6 @@ A frame is shown when its disparity is there; if that takes longer than LATE_FRA
 with the disparity of the frame before, cross-faded where the picture has changed.
 """
 
-import zlib
 from collections.abc import Iterable
 from typing import NamedTuple
 
@@ -12,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import LiveSource
-from lfpipe.config.modes import Lossless
 from lfpipe.live.field import LiveViews
 from lfpipe.live.records import View, disparity_dtype, pairs_in_need, views_of
 from lfpipe.render.synthesis.viewpoint import Position
@@ -40,7 +38,6 @@ class LiveInput:
 
     def __init__(self, context: Context, live: LiveSource, name: str) -> None:
         self._live = live
-        self._lossless = isinstance(context.options.clock, Lossless)
         self._views = context.input("views")
         self._disparity = context.input("disparity")
         self._store = LiveViews(live, name)
@@ -70,8 +67,6 @@ class LiveInput:
                 return self._showing(frame, own_disparity=True)
             # for frames after it
             self._store.measure(frame.picture, self._record, frame.stamp.t_sensor_ns)
-        if self._lossless:  # every frame waits for its disparity
-            return None
         waiting = [
             frame
             for frame in self._frames
@@ -84,15 +79,6 @@ class LiveInput:
             self._store.show_with_last(waiting[-1].picture, self._in_need(positions))
             return self._showing(waiting[-1], own_disparity=False)
         return None
-
-    def digest(self) -> str:
-        """Of the last disparity, with all that a picture depends on."""
-        record = self._record
-        count = int(record["count"])
-        names = ("scale_px", "low_px", "high_px", "align", "swapped")
-        parts = [record[name] for name in names]
-        parts += [record[name][:count] for name in ("views", "maps")]
-        return f"{zlib.crc32(b''.join(np.asarray(part).tobytes() for part in parts)):08x}"
 
     def _frame_of(self, stamp: Stamp) -> _Frame | None:
         """The frame that disparity was measured in, if it is kept."""

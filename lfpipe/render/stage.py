@@ -298,9 +298,7 @@ class RenderStage:
             listeners.append(MotionLatencyRow(context.row))
         if replay := options.clock.output:
             listeners.append(
-                ReplayWriter(
-                    Path(replay.folder), replay.sequence, replay.pictures, self._lost, self._live
-                )
+                ReplayWriter(Path(replay.folder), replay.sequence, replay.pictures, self._lost)
             )
         trace = Path(options.trace) if options.trace else None
         began = session.run_dir / "session.json" if context.row["restarts"] else None

@@ -66,9 +66,6 @@ CAUSES = {  # in the order of the pipeline: an earlier difference causes the lat
         "filtered eyes are equal: prediction or easing changed (replay.latency_ms, lfpipe/eyes.py,"
         " lfpipe/render)"
     ),
-    "disparity": (
-        "eyes are equal: disparity is measured otherwise (lfpipe/live/estimator.py, alignment)"
-    ),
     "view": (
         "eyes are equal: the map to views changed (alpha, centre,"
         " render/synthesis/viewpoint.py, render/viewer/geometry.py)"
@@ -119,10 +116,9 @@ class Comparison:
     """How the comparison was made, for people."""
 
 
-PARTS = ("config", "plan", "scene", "counts", "eyes", "disparity", "views", "pictures")
+PARTS = ("config", "plan", "scene", "counts", "eyes", "views", "pictures")
 _PART_OF = {
     **dict.fromkeys(("face", *TOLERANCES), "eyes"),
-    "disparity": "disparity",
     "view": "views",
     "method": "views",
 }
@@ -235,8 +231,6 @@ def _first_difference(was: Line, now: Line, tolerance_px: float) -> str:
     for name in CAUSES:
         if was.get(name) == now.get(name):
             continue
-        if name == "disparity" and tolerance_px:  # a digest: rounding changes it, too
-            continue
         if name not in TOLERANCES or not tolerance_px:
             return name
         a, b = np.array(pair(was, name)), np.array(pair(now, name))
@@ -276,7 +270,7 @@ def _compare_frames(
         frames = [attrs.evolve(frame, cause=frame.cause.replace(FLIP, "view")) for frame in frames]
         notes = []
     differences = list[Difference]()
-    for part in ("eyes", "disparity", "views"):
+    for part in ("eyes", "views"):
         if changed := [frame for frame in frames if _PART_OF.get(frame.cause) == part]:
             first = changed[0]
             name = first.cause

@@ -25,9 +25,8 @@ from lfpipe.render.listeners.replay_writer import PICTURES
 from lfpipe.replays.junit import TestCase, junit
 from lfpipe.scene.lightfield import LightField
 from lfpipe.sequence.eyes import Truth, read_truth, summary
-from lfpipe.sequence.folder import VIEWS, Sequence
+from lfpipe.sequence.folder import Sequence
 from lfpipe.sequence.packets import INDEX, PACKETS
-from lfpipe.sequence.views import open_views
 from lfpipe.supervisor.metrics import SessionMetrics
 
 FORMAT = 1
@@ -53,8 +52,7 @@ def read_trace(folder: Path, steady: bool = True, most_lines: int = sys.maxsize)
         for name in ("eyes_raw", "eyes_used", *(("eyes_filtered",) if steady else ())):
             check_sides(fields, name)
         if steady:
-            for name in ("picture", *({"disparity"} & fields.values.keys())):
-                fields.text(name, 100)
+            fields.text("picture", 100)
         read.append(dict(fields.values))
     return read
 
@@ -87,19 +85,15 @@ def _digest(parts: list[bytes]) -> str:
 
 
 def digests(lines: list[Line]) -> dict[str, str]:
-    """sha256 over all frames of the exact bytes of eyes (raw, filtered, used), views, pictures,
-    and the disparity of a recorded live scene.
-    """
+    """sha256 over all frames of the exact bytes of eyes (raw, filtered, used), views, pictures."""
     names = ("eyes_raw", "eyes_filtered", "eyes_used")
     eyes = [
         struct.pack("<12d?", *(v for name in names for v in pair(line, name)), line["face"])
         for line in lines
     ]
     views = [struct.pack("<4d", *pair(line, "view")) + line["method"].encode() for line in lines]
-    disparity = [line["disparity"].encode() for line in lines if "disparity" in line]
     return {
         "eyes": _digest(eyes),
-        **({"disparity": _digest(disparity)} if disparity else {}),
         "views": _digest(views),
         "pictures": _digest([line["picture"].encode() for line in lines]),
     }
@@ -128,19 +122,12 @@ def about_sequence(sequence: Sequence) -> dict[str, Any]:
     """
     checksums = sequence.manifest.get("checksums", {})
     made = sequence.manifest.get("made")
-    views = open_views(sequence.path, verify=False)
-    of_views = (
-        {}
-        if views is None
-        else {f"{VIEWS}/{INDEX}": views[0].manifest.get("checksums", {}).get(INDEX, "")}
-    )
     return {
         "name": sequence.path.resolve().name,
         "frames": len(sequence.packets),
         "checksums": (
             {"made": made} if made else {name: checksums.get(name, "") for name in (PACKETS, INDEX)}
-        )
-        | of_views,
+        ),
         "rate_hz": round(sequence.measured_hz, 4),
     }
 

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from lfpipe import config as config_module
-from lfpipe.config import Config, LiveSource, SessionOptions
+from lfpipe.config import Config, SessionOptions
 from lfpipe.config.modes import CameraViewer, Live, Lossless, RecordedEyes, ReplayOutput, Viewer
 from lfpipe.errors import UserError
 from lfpipe.files.output import write_output, written_by_lfpipe
@@ -24,7 +24,6 @@ from lfpipe.files.safe_files import PRIVATE_FOLDER, WORK_NAME, reason
 from lfpipe.host import signals
 from lfpipe.host.file_lock import take_folder
 from lfpipe.host.files import is_dir
-from lfpipe.live.field import summary_of
 from lfpipe.render.listeners.replay_writer import PICTURES
 from lfpipe.replays.report import DIFFERENCE, REPORT, STEADY, TRACE, Report, make_report
 from lfpipe.scene.lightfield import LightField
@@ -219,15 +218,12 @@ def replay(
     folder: Path,
     pictures: bool,
     tell: Callable[[str], None] = print,
-    live: LiveSource | None = None,
 ) -> Report:
     """Runs sequence through the stages and writes trace, report and pictures to folder (see
     `clear_out`); returns the report.
 
-    pace: step, max, recorded or a rate in Hz. pictures: store some for comparison. live: the views
-    in the recording, if they are the scene; max is then the same as step, because both streams must
-    meet in one order. Raises UserError for a user error, ReplayFailed if a stage fails,
-    signals.Interrupted.
+    pace: step, max, recorded or a rate in Hz. pictures: store some for comparison. Raises UserError
+    for a user error, ReplayFailed if a stage fails, signals.Interrupted.
     """
     from lfpipe.supervisor.session import EndKind, run_session
     from lfpipe.transport.session import Session
@@ -241,14 +237,9 @@ def replay(
     if sequence.holds_eyes:
         viewer = RecordedEyes(source=source, rate_hz=rate_hz, folder=str(sequence.path.resolve()))
     options = SessionOptions(
-        scene=summarize(field) if live is None else summary_of(live, field.name),
-        live=live,
+        scene=summarize(field),
         viewer=viewer,
-        clock=(
-            Lossless(lock_step=pace == "step" or live is not None, output=output)
-            if steady
-            else Live()
-        ),
+        clock=Lossless(lock_step=pace == "step", output=output) if steady else Live(),
         trace=str((folder / TRACE).resolve()),
     )
     outcome = run_session(Session(f"replay.{os.getpid()}"), config, options, tell)

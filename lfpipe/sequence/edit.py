@@ -3,13 +3,11 @@
 If anything fails, existing files are unchanged and unfinished new files are removed.
 """
 
-import contextlib
 import errno
 import itertools
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import cv2
 
@@ -19,9 +17,7 @@ from lfpipe.files.output import PLACE, TABLE, check_output
 from lfpipe.files.safe_files import create_private, lines, reason, replaced
 from lfpipe.files.video_writer import VideoWriter
 from lfpipe.sequence.eyes import LINE_BYTES, REMEDY, TRUTH
-from lfpipe.sequence.folder import VIEWS, Sequence, new_sequence
-from lfpipe.sequence.packets import Packets
-from lfpipe.sequence.views import about_grid, open_views
+from lfpipe.sequence.folder import Sequence, new_sequence
 
 STAMPS = ("seq", "source_seq", "epoch", "t_sensor_ns", "t_read_ns")
 
@@ -33,12 +29,11 @@ def cut(sequence: Sequence, out: Path, begin_s: float, end_s: float) -> int:
     Returns the number of frames. Raises UserError if there are none, or if out cannot be created.
     """
     first_ns = sequence.packets[0].t_sensor_ns
-
-    def within(packets: Packets) -> list[int]:
-        times = ((p.seq, p.t_sensor_ns - first_ns) for p in packets)
-        return [seq for seq, t_ns in times if begin_s * 1e9 <= t_ns < end_s * 1e9]
-
-    chosen = within(sequence.packets)
+    chosen = [
+        packet
+        for packet in sequence.packets
+        if begin_s * 1e9 <= packet.t_sensor_ns - first_ns < end_s * 1e9
+    ]
     if not chosen:
         raise UserError(
             f"{sequence.path}: has no frame from {begin_s:g} s to {end_s:g} s",
@@ -52,29 +47,16 @@ def cut(sequence: Sequence, out: Path, begin_s: float, end_s: float) -> int:
         "begin_s": begin_s,
         "end_s": min(end_s, sequence.duration_s),
     }
-    with _part(sequence, chosen, out, about):
-        views = open_views(sequence.path, verify=False)
-        if views is not None and (of_views := within(views[0].packets)):
-            with _part(views[0], of_views, out / VIEWS, about_grid(views[1])):
-                pass
-        if os.path.lexists(truth := sequence.path / TRUTH):
-            with create_private(out / TRUTH) as file:
-                file.writelines(_rows(truth, chosen[0], chosen[-1]))
-    return len(chosen)
-
-
-@contextlib.contextmanager
-def _part(
-    sequence: Sequence, chosen: list[int], out: Path, about: dict[str, Any]
-) -> Iterator[None]:
-    """A new sequence of the chosen packets, to which the body adds files."""
     source = str(sequence.manifest.get("source", ""))
     with new_sequence(out, source, sequence.size_px, sequence.rate_hz, **about) as writer:
-        for p in map(sequence.packets.__getitem__, chosen):
+        for p in chosen:
             writer.append(
                 sequence.data(p.seq), p.codec, p.source_seq, p.epoch, p.t_sensor_ns, p.t_read_ns
             )
-        yield
+        if os.path.lexists(truth := sequence.path / TRUTH):
+            with create_private(out / TRUTH) as file:
+                file.writelines(_rows(truth, chosen[0].seq, chosen[-1].seq))
+    return len(chosen)
 
 
 def _rows(truth: Path, first: int, last: int) -> Iterator[bytes]:

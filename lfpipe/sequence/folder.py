@@ -7,7 +7,6 @@ about them.
     frames.jsonl    their index
     truth.csv       true eyes of a generated sequence:
                     source_seq,t_ns,left_x_px,left_y_px,right_x_px,right_y_px,...
-    views/          the sequence of a live scene (`lfpipe.sequence.views`)
 """
 
 import contextlib
@@ -36,7 +35,7 @@ from lfpipe.files.safe_files import (
     replaced,
 )
 from lfpipe.files.untrusted import Fields, json_fields
-from lfpipe.host.files import exists, is_dir
+from lfpipe.host.files import exists
 from lfpipe.sequence.eyes import TRUTH, eyes_of
 from lfpipe.sequence.packets import (
     COPY,
@@ -57,7 +56,6 @@ FORMAT = "lfpipe-sequence"
 VERSION = 1
 MANIFEST = "manifest.json"
 FILES = (PACKETS, INDEX, TRUTH)
-VIEWS = "views"  # folder
 # files whose sums the manifest holds; every packet has its own in the index
 SUMMED = (INDEX, TRUTH)
 SUMMED_BYTES = MAX_PACKETS * LINE_BYTES  # of the longest index
@@ -99,8 +97,6 @@ def check_out(path: Path) -> None:
 def remove_empty(path: Path) -> None:
     """Removes the folder of a sequence without a complete frame, unless it holds other files."""
     with contextlib.suppress(OSError, UserError):
-        if is_dir(path / VIEWS):
-            remove_empty(path / VIEWS)
         names = {entry.name for entry in path.iterdir() if not WORK_NAME.fullmatch(entry.name)}
         if names <= {MANIFEST, PACKETS, INDEX} and not (
             INDEX in names and read_index(path, complete=False)
@@ -273,9 +269,7 @@ def open_sequence(path: Path, verify: bool = True) -> Sequence:
     if complete and len(packets) != frames:
         raise UserError(f"{path}: {len(packets)} frames, but {frames} were recorded", COPY)
     largest = packets.largest()
-    # a program's disparity has a byte for four pixels
-    px_bytes = 4 if "scene" in packets.codecs else 3
-    most = px_bytes * width_px * height_px + HEADER_BYTES
+    most = 3 * width_px * height_px + HEADER_BYTES
     if largest.bytes > most:
         raise UserError(
             f"{path}: frame {largest.seq} has {largest.bytes} bytes; one of {width_px}x{height_px}"

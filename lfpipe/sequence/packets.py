@@ -8,16 +8,13 @@ picture. Both append only.
 A packet is written before its line, each with one write. However the writer ends, every whole line
 belongs to a whole packet, so all frames but the current one can be read. Nothing calls fsync: a
 recording survives a crash of the program, but not a power cut. A packet of codec "eyes" holds no
-picture but a line of JSON, recorded where the mouse is the viewer. One of codec "scene" holds the
-size of a picture (uint32, little-endian), the picture, and, compressed by zlib, what a program knew
-of the views in it.
+picture but a line of JSON, recorded where the mouse is the viewer.
 """
 
 import errno
 import io
 import json
 import os
-import struct
 import zlib
 from array import array
 from collections.abc import Iterator
@@ -38,7 +35,7 @@ from lfpipe.files.untrusted import json_fields
 from lfpipe.host.files import CREATING, exists
 
 PACKETS, INDEX = "frames.bin", "frames.jsonl"
-CODECS = ("jpeg", "png", "raw", "eyes", "scene")
+CODECS = ("jpeg", "png", "raw", "eyes")
 MAX_PIXELS = MAX_DECODING_BYTES // 6  # of a frame; `picture_of` decodes no more; 8K: 33 million
 HEADER_BYTES = 1 << 20  # a packet is at most as large as the raw frame, plus headers
 PACKET_BYTES = 3 * MAX_PIXELS + HEADER_BYTES
@@ -47,12 +44,10 @@ EYES_BYTES = 4096  # of a packet of eyes: as JSON it takes forty times as much; 
 DECODING_BYTES = 210_000_000
 MAX_PACKETS = 1 << 20  # 9.7 hours at 30 Hz; each takes 65 bytes of memory
 LINE_BYTES = 1024  # one of ours has some 150
-SCENE_HEAD = struct.Struct("<I")  # of a packet of codec "scene"
 COPY = "copy the whole folder again from where it was recorded"
 REPAIR = "copy the frames before it with `lfpipe sequence cut`"
 # bytes per pixel: imdecode needs two pictures, a progressive JPEG two bytes for each coefficient
 _PICTURE_BYTES, _PROGRESSIVE_BYTES = 6, 12
-PNG = b"\x89PNG"  # how such a picture begins
 _PROGRESSIVE = b"\xff\xc2"  # the frame header of such a JPEG
 _ENCODING = {  # codec -> parameters of OpenCV
     # 10 s of noisy 640x480 camera pictures take less than 10 MB; one costs 2 ms of CPU
@@ -207,18 +202,6 @@ def encoded(picture: NDArray[np.uint8], codec: str = "png") -> bytes:
     return data.tobytes()
 
 
-def scene_packet(picture: bytes, known: bytes) -> bytes:
-    """The packet of a frame of which a program knew more, see `scene_parts`."""
-    return SCENE_HEAD.pack(len(picture)) + picture + zlib.compress(known, level=1)
-
-
-def scene_parts(data: bytes) -> tuple[bytes, bytes]:
-    """The picture in a packet of codec "scene", and what the program knew, compressed."""
-    head = SCENE_HEAD.size
-    end = head + int.from_bytes(data[:head], "little")
-    return data[head:end], data[end:]
-
-
 def read_packet(folder: Path, packet: Packet) -> bytes:
     """The bytes of a packet in folder.
 
@@ -250,9 +233,6 @@ def decoded(
     wrong = ""
     codec = packet.codec
     shape = (height_px, width_px, 3)
-    if codec == "scene":
-        data, _ = scene_parts(data)
-        codec = "png" if data.startswith(PNG) else "jpeg"
     if codec == "raw" and len(data) == 3 * width_px * height_px:
         return np.frombuffer(data, np.uint8).reshape(shape)
     pixels = width_px * height_px

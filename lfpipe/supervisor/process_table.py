@@ -61,7 +61,7 @@ STAGES: tuple[Stage, ...] = (
     Stage(
         name="views",
         module="lfpipe.capture.views_stage",
-        needed=lambda options: options.live is not None and not options.live.recorded,
+        needed=lambda options: options.live is not None,
         writes=("views",),
         metrics=CAPTURE_METRICS,
         optional=True,
@@ -79,7 +79,7 @@ STAGES: tuple[Stage, ...] = (
         name="record",
         module="lfpipe.record.stage",
         needed=lambda options: bool(options.record),
-        reads=("frames", "eyes", "views"),
+        reads=("frames", "eyes"),
         optional=True,
         own_core=True,
     ),
@@ -109,11 +109,11 @@ def frame_ring(config: Config) -> RingSpec:
 
 
 def written(options: SessionOptions, specs: Mapping[str, RingSpec]) -> dict[str, RingSpec]:
-    """Those of the rings that a session with these options writes. Two have a second writer: eyes,
-    render where the mouse is the viewer; views, capture from a recording.
+    """Those of the rings that a session with these options writes. Eyes have a second writer:
+    render, where the mouse is the viewer.
     """
     idle = {ring for stage in STAGES if not stage.needed(options) for ring in stage.writes}
-    return {name: specs[name] for name in specs if name in ("eyes", "views") or name not in idle}
+    return {name: specs[name] for name in specs if name == "eyes" or name not in idle}
 
 
 def rings(config: Config, options: SessionOptions) -> dict[str, RingSpec]:

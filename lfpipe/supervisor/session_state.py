@@ -147,8 +147,6 @@ class SessionState:
         rings = {name: ON_DEMAND[name] for name in self.options.asked_for}
         if (live := self.options.live) is not None:
             rings |= written(self.options, live_rings(live))
-            if self.options.jpeg_views:
-                rings[self.options.jpeg_views] = packet_ring(rings["views"], live.frame_px)
         if self.options.pictures:
             rings[self.options.pictures] = picture_ring(*self.pictures_px)
         jpeg_px = self.options.viewer.jpeg_px
@@ -255,16 +253,10 @@ class SessionState:
         if (wanted := asked_for(self.options)) != self.options.asked_for:
             return self._with(asked_for=wanted)._with_rings()
         options = self.options
-        jpegs = {
-            "packets": bool(options.viewer.jpeg_px),
-            "jpeg_views": options.live is not None and options.live.jpeg,
-        }
-        changes = {
-            name: new_ring("packets") if jpeg and options.record else ""
-            for name, jpeg in jpegs.items()
-            if (jpeg and bool(options.record)) != bool(getattr(options, name))
-        }
-        return self._with(**changes) if changes else self
+        jpegs = bool(options.viewer.jpeg_px and options.record)
+        if jpegs == bool(options.packets):
+            return self
+        return self._with(packets=new_ring("packets") if jpegs else "")
 
 
 class Trial:

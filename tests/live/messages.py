@@ -85,7 +85,7 @@ MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "small views": (named("?grid=8x8"), " … views of 20x15 px are too small … at least 48 px"),
     "no layout": (named(""), " … does not show how its views lie … ?layout=side-by-side"),
-    "another word": (named("?layout=sideways"), " … layout=sideways is no layout … ?layout=rgbd"),
+    "another word": (named("?layout=sideways"), " … layout=sideways is no layout … ?layout=mosaic"),
     "a ring of another version": (of_another_version, f"ring:{NAME}: {VERSION}"),
     "a ring that is damaged": (damaged, f"ring:{NAME}: {VERSION}"),
     "no ring": (

@@ -132,8 +132,6 @@ def test_live_scene_names_a_value_and_its_remedy() -> None:
         ((320, 120), "", (1, 2, 160, 120)),
         ((160, 120), "?layout=side-by-side", (1, 2, 80, 120)),
         ((160, 120), "?layout=over-under", (1, 2, 160, 60)),
-        ((160, 120), "?layout=rgbd", (1, 2, 80, 120)),
-        ((160, 200), "?layout=rgbd", (1, 2, 160, 100)),
         ((192, 144), "?grid=3x3", (3, 3, 64, 48)),
         ((192, 144), "?layout=mosaic&grid=3x2", (3, 2, 96, 48)),
         ((160, 120), "", "layout=side-by-side"),
@@ -160,7 +158,6 @@ def test_check_live_reads_the_layout_or_names_it(
     else:
         live = check_live(text, Config())
         assert (live.rows, live.cols, live.width_px, live.height_px) == wanted
-        assert live.depth == ("rgbd" in query)
 
 
 def test_one_camera_cannot_be_both() -> None:

@@ -18,7 +18,7 @@ FOLDERS = ("lfpipe", "tests", "tools", "docs", "examples", "profiling")
 SAMPLE = """
     api/test_api.py::test_import_lfpipe_loads_nothing_else bench/test_runner.py
     bench/test_commands.py::test_pipeline_vs_loop_says_whether_the_machine_is_idle
-    capture/test_recorded_views.py cli/test_help.py cli/test_plugged.py contracts
+    cli/test_help.py cli/test_plugged.py contracts
     config/test_config.py::test_the_file_at_the_top_and_the_pages_of_keys_and_commands_are_current
     docs/test_commands.py docs/test_figures.py files/test_writers.py host/test_shared_memory.py
     live/test_field.py monitor/test_monitor.py notices pipeline/test_held.py render/test_notices.py

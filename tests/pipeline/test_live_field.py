@@ -144,16 +144,19 @@ def test_example_draws_a_live_scene(world: World, mode: str) -> None:
 
 
 @pytest.mark.live
-def test_depth_of_a_camera_is_shown_and_can_be_inverted(world: World, tmp_path: Path) -> None:
-    depth = np.full((240, 320, 3), 60, np.uint8)
-    depth[60:180, 80:240] = 200
-    picture = made.frame_of(rendered.field(1, 1, 240, 320))
-    clip = write_film(tmp_path / "depth.avi", [np.hstack([picture, depth])] * 10)
-    process = world.shows(Path(f"live:file:{clip}?layout=rgbd"), pictures=30)
-    before = world.more_pictures(30)[-1]
-    world.ctl("set", "scene.invert_depth=yes")
-    after = world.more_pictures(60)[-1]
-    assert after["own_disparity"] and before["own_disparity"] and after["method"] == "warp2"
+def test_viewer_of_a_live_scene_is_recorded_and_replayed(world: World, views: Path) -> None:
+    out = world.root / "rec"
+    world.shows(Path(f"live:file:{views}"), camera="demo")
+    world.ctl("record", "start", out)
+    world.wait_for(lambda: (out / "frames.jsonl").exists() and lines_of(out) > 30, "frames")
+    world.ctl("record", "stop")
+    world.wait_for(lambda: '"complete": true' in (out / "manifest.json").read_text(), "manifest")
     world.ctl("stop")
-    said = world.ended(process)
-    assert "looks like depth" not in said and "pack" not in said
+    assert f"{lines_of(out)} frames" in world.done("sequence", "check", out).stdout
+    world.done("replay", out, "--out", world.root / "first")
+    assert "matches" in world.done("replay", out, "--expect", world.root / "first").stdout
+
+
+def lines_of(recording: Path) -> int:
+    """The frames that a recording has so far."""
+    return (recording / "frames.jsonl").read_text().count("\n")

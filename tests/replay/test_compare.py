@@ -125,21 +125,6 @@ def moved(px: float, *names: str, flips: Callable[[int], bool] = lambda seq: Fal
     return move
 
 
-def test_the_first_frame_with_another_disparity_is_named(run: Path) -> None:
-    lines = read_trace(run)
-    for line in lines:
-        line["disparity"] = f"{line['source_seq']:08x}"
-    write_trace(run, lines)
-    reference = shutil.copytree(run, run.parent / "reference")
-    assert not compare(reference, run).differences
-    for line in lines[7:]:
-        line["disparity"] = "0"
-    write_trace(run, lines)
-    (found,) = compare(reference, run).differences
-    assert found.part == "disparity" and found.frame == lines[7]["source_seq"]
-    assert not compare(other(reference), run).differences, "another version rounds otherwise"
-
-
 def test_renamed_inputs_compare_equal_and_only_relevant_settings_count(
     run: Path,
 ) -> None:

@@ -63,10 +63,6 @@ LIVE = LiveSource(source="row:a,b", rows=1, cols=2, tiles_across=2, frame_px=(64
             {"frames", "eyes", "views", "disparity", "viewpoints"},
         ),
         (
-            {"viewer": MouseViewer(), "live": attrs.evolve(LIVE, recorded=True)},
-            {"eyes", "views", "disparity", "viewpoints"},
-        ),
-        (
             {
                 "viewer": attrs.evolve(CAMERA, tracked=False),
                 "live": LIVE,

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from lfpipe.files.output import marked_picture
 from lfpipe.files.safe_files import write_file
-from lfpipe.render.live_input import LiveInput
 from lfpipe.render.presentation import Listener, Presentation
 from lfpipe.sequence.eyes import read_truth
 from lfpipe.sequence.packets import PacketWriter, encoded
@@ -36,13 +35,11 @@ class ReplayWriter(Listener):
         sequence: str,
         pictures: bool,
         lost: Callable[[str], None],
-        live: LiveInput | None = None,
     ) -> None:
-        """lost: called with the reason if the disk is full. live: the scene, if it was captured."""
+        """lost: called with the reason if the disk is full."""
         self._folder = folder
         self._pictures = pictures
         self._lost = lost
-        self._live = live
         self._truth = read_truth(Path(sequence))
         self._first_ns: int | None = None
         self._digest = ""
@@ -52,9 +49,7 @@ class ReplayWriter(Listener):
         self._worst_px = -1.0
 
     def handed_over(self, presentation: Presentation) -> None:
-        """Stores the picture; adds eyes_filtered and its digest to the trace line, and the digest
-        of a live scene's disparity.
-        """
+        """Stores the picture; adds eyes_filtered and its digest to the trace line."""
         if presentation.eyes is None:
             return
         stamp = presentation.eyes.stamp
@@ -75,8 +70,6 @@ class ReplayWriter(Listener):
         filtered_px = presentation.eyes.record.filtered_px
         presentation.more["eyes_filtered"] = {"left": filtered_px[:2], "right": filtered_px[2:]}
         presentation.more["picture"] = self._digest
-        if self._live is not None:
-            presentation.more["disparity"] = self._live.digest()
 
     def _error_px(self, presentation: Presentation) -> float:
         if not self._truth:
