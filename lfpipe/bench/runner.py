@@ -28,7 +28,8 @@ from lfpipe.bench.results import (
     write,
 )
 from lfpipe.errors import UserError
-from lfpipe.files.output import RESULTS, check_output
+from lfpipe.files.output import check_output
+from lfpipe.host.files import exists
 from lfpipe.host.machine import versions
 from lfpipe.host.processes import usable_cores
 
@@ -83,7 +84,7 @@ def measure(
 def opened(out: Path) -> dict[str, Results]:
     """Makes the folder and returns the results in it.
 
-    Raises UserError if it contains files of these names that lfpipe did not write.
+    Raises UserError if it contains a report.html, but no results, or results of another version.
     """
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -91,10 +92,11 @@ def opened(out: Path) -> dict[str, Results]:
         raise UserError(
             f"{out}: {error.strerror}", "choose another folder with --out DIR"
         ) from None
-    for name in FILES:
-        check_output(out / name, writes=RESULTS)
-    with contextlib.suppress(UserError):  # no results yet, or of another version
+    results, page = (out / name for name in FILES)
+    if exists(results):
         return read(out)
+    check_output(results)
+    check_output(page)
     return {}
 
 

@@ -32,7 +32,7 @@ summary { cursor: pointer; margin: .4rem 0; } code { font-size: .9em; overflow-w
 def document(title: str, body: str) -> str:
     """A self-contained page. body: HTML."""
     return (
-        '<!doctype html><!-- written by lfpipe --><html lang="en"><head><meta charset="utf-8">'
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width">'
         f"<title>{html.escape(title)}</title><style>{STYLE}</style></head>"
         f"<body><h1>{html.escape(title)}</h1>{body}</body></html>"

@@ -96,7 +96,8 @@ def launch(arguments: UpArguments, run_policy: RunPolicy = lambda first, _: firs
             return 0
         rundir.release(session, rundir.acquire(session))  # raises the error with the remedy
     prepared = _prepared(arguments)
-    return run_policy(lambda: _run(session, prepared), lambda: _run(session, _prepared(arguments)))
+    again = attrs.evolve(arguments, overwrite=True)  # its own files
+    return run_policy(lambda: _run(session, prepared), lambda: _run(session, _prepared(again)))
 
 
 def _is_for_open_window(arguments: UpArguments) -> bool:

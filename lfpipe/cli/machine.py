@@ -12,7 +12,7 @@ from lfpipe.capture.camera_controls import control_texts
 from lfpipe.capture.live_source import WIDE
 from lfpipe.capture.pixel_formats import DECODED
 from lfpipe.capture.v4l2_device import V4L2Device
-from lfpipe.cli.options import JSON, PATH, with_config
+from lfpipe.cli.options import JSON, OVERWRITE, PATH, with_config
 from lfpipe.cli.plugged import Group
 from lfpipe.cli.terminal import filled, print_result, say
 from lfpipe.config import Config, load, user_file
@@ -107,7 +107,8 @@ def _formats(device: V4L2Device, every_rate: bool) -> list[str]:
     metavar="FILE",
     help=("Also write a ZIP for a bug report: versions, settings, logs and state of sessions."),
 )
-def doctor(report: Path | None) -> int:
+@OVERWRITE
+def doctor(report: Path | None, overwrite: bool) -> int:
     """Check this machine: one line per check, with remedies.
 
     The exit code is 1 if a session would fail. A missing screen is no failure: sessions can write
@@ -115,7 +116,7 @@ def doctor(report: Path | None) -> int:
     """
     results = checks()
     if report is not None:
-        write_report(report, results)
+        write_report(report, results, overwrite)
     for check in results:
         head = f"{'ok  ' if check.ok else 'FAIL'} {check.name:<12} "
         print_result(filled(check.detail, head))

@@ -60,6 +60,7 @@ class Number(click.FloatRange):
 
 PATH = click.Path(path_type=Path)
 SCENE = click.argument("path", metavar="SCENE", type=PATH)
+OVERWRITE = click.option("--overwrite", is_flag=True, help="Replace an output file that exists.")
 JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 CAMERA = click.option(
     "--camera", metavar="SRC", help="As for `lfpipe up`.  [default: the first camera]"

@@ -37,7 +37,7 @@ from lfpipe.config.modes import (
 )
 from lfpipe.config.user_files import has_key, with_measured_focal
 from lfpipe.errors import UserError, redacted
-from lfpipe.files.output import check_outputs
+from lfpipe.files.output import check_output
 from lfpipe.files.video_writer import require_encoder
 from lfpipe.host.files import exists
 from lfpipe.host.machine import has_gpu
@@ -170,12 +170,13 @@ def _demo_video_name() -> str:
 def check(arguments: UpArguments, request: Request) -> None:
     """Checks outputs and display without changing anything. Raises UserError."""
     files = (scene for scene in arguments.scenes if not is_live(scene))
-    inputs = (*files, source_file(request.source))
-    own_folder = request.still is not None and not exists(request.still.parent)  # made later
-    video = None if own_folder else request.video
-    check_outputs(
-        {"--display": video, "--trace": arguments.trace}, filter(None, inputs), arguments.overwrite
-    )
+    inputs = [path for path in (*files, source_file(request.source)) if path is not None]
+    video, trace = request.video, arguments.trace
+    if video is not None and request.still is None:  # in a folder of the user
+        check_output(video, inputs, arguments.overwrite, "--display")
+    if trace is not None:
+        written = [] if video is None else [video]
+        check_output(trace, [*inputs, *written], arguments.overwrite, "--trace")
     check_display(request.display, str(request.config.screen.monitor))
 
 

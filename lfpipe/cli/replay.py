@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from lfpipe.capture.spec import parse_source
-from lfpipe.cli.options import PATH, with_settings
+from lfpipe.cli.options import OVERWRITE, PATH, with_settings
 from lfpipe.cli.scene import opened
 from lfpipe.cli.terminal import print_result, say
 from lfpipe.errors import UserError
@@ -63,11 +63,14 @@ Cases = list[tuple[str, list[str]]]
     "--update", is_flag=True, help="Write the reference of --expect instead of comparing."
 )
 @click.option("--junit", type=PATH, metavar="FILE", help="Write the outcome as JUnit XML.")
+@OVERWRITE
 @with_settings
-def replay(path: Path, junit: Path | None, **options: Any) -> int:
+def replay(path: Path, junit: Path | None, overwrite: bool, **options: Any) -> int:
     """Run SEQ through the pipeline. Exit code 0: equal, 1: different, 2: invalid input."""
     began = time.monotonic()
-    _check_junit(junit, [path, options["scene"], options["expect"]], options["out"])
+    if junit is not None:
+        inputs = filter(None, [path, *(options[name] for name in ("scene", "expect", "out"))])
+        check_output(junit, inputs, overwrite, "--junit")
 
     def write_outcome(cases: Cases, error: str = "") -> None:
         if junit is not None:
@@ -124,7 +127,8 @@ def _replayed(
     config = run.replay_config(sequence, config_file, sets)
     compared = Comparison([], [])
     with contextlib.ExitStack() as held:
-        replace = held.enter_context(run.update_of(new)) if new is not None else None
+        if new is not None:
+            run.check_out(new)
         folder = held.enter_context(temporary_folder("replay")) if out is None else out
         run.check_out(folder)
         field = opened(scene, config)
@@ -136,8 +140,8 @@ def _replayed(
         _summary(run.replay(sequence, field, config, pace, folder, kept, say))
         if against is not None:
             compared = compare(against, folder, keeps=out is not None)
-        if replace is not None:
-            replace(folder)
+        if new is not None:
+            run.update_reference(new, folder)
             say(f"reference written to {new}")
     if against is None:
         return []
@@ -151,8 +155,6 @@ def _replayed(
 def _require_reference(expect: Path) -> None:
     """Raises UserError if the reference is missing."""
     if not is_dir(expect):
-        run.recover_reference(expect)
-    if not is_dir(expect):
         raise UserError(f"--expect {expect}: no such reference", "the first time, add --update")
     read_report(expect)
 
@@ -164,20 +166,6 @@ def _print_comparison(compared: Comparison, expect: Path) -> None:
         print_result(f"differs: {difference}")
     if not compared.differences:
         print_result(f"matches {expect}")
-
-
-def _check_junit(junit: Path | None, inputs: list[Path | None], out: Path | None) -> None:
-    """Raises UserError if the file of --junit is an input, or is removed with the results of an
-    earlier run.
-    """
-    if junit is None:
-        return
-    check_output(junit, [path for path in inputs if path is not None], label="--junit")
-    if out is not None and Path(os.path.realpath(junit)).is_relative_to(os.path.realpath(out)):
-        raise UserError(
-            f"--junit {junit}: --out {out} is emptied before a run",
-            "name a file outside of that folder",
-        )
 
 
 def _check(pace: str, out: Path | None, expect: Path | None, update: bool) -> None:

@@ -10,13 +10,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.cli.options import JSON, PATH, SCENE, with_config, with_scene
+from lfpipe.cli.options import JSON, OVERWRITE, PATH, SCENE, with_config, with_scene
 from lfpipe.cli.plugged import ExtensibleGroup
 from lfpipe.cli.terminal import filled, print_result, progress
 from lfpipe.config import Config
 from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.errors import UserError
-from lfpipe.files.output import check_output, marked_picture, write_output
+from lfpipe.files.output import check_output, write_output
 from lfpipe.host.files import is_dir
 from lfpipe.log import set_up
 from lfpipe.render.plan import make_plan, planned_levels
@@ -40,7 +40,9 @@ def opened(path: Path | None, config: Config) -> LightField:
         return open_scene(path, config.scene, bar, scorer=SCORER)
 
 
-def check_picture(path: Path, scene: Path, kinds: tuple[str, ...] = PICTURES) -> None:
+def check_picture(
+    path: Path, scene: Path, overwrite: bool, kinds: tuple[str, ...] = PICTURES
+) -> None:
     """Raises UserError if a command that reads scene must not write a picture to path.
 
     Called before any work.
@@ -49,19 +51,14 @@ def check_picture(path: Path, scene: Path, kinds: tuple[str, ...] = PICTURES) ->
         raise UserError(
             f"{path}: not {', '.join(kinds[:-1])} or {kinds[-1]}", "use for example view.png"
         )
-    if is_dir(scene) and path.resolve().is_relative_to(scene.resolve()):
-        raise UserError(
-            f"{path}: is in the folder of the scene, which would count it as a view",
-            "name a file in another folder",
-        )
-    check_output(path, [scene])
+    check_output(path, [scene], overwrite)
 
 
 def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
     """Writes a BGR picture to a path that `check_picture` allows. Raises UserError."""
     suffix = ".png" if path.suffix.lower() == ".png" else ".jpg"
     _, data = cv2.imencode(suffix, picture)
-    write_output(path, marked_picture(data.tobytes()))
+    write_output(path, data.tobytes())
     print_result(path)
 
 
@@ -240,12 +237,20 @@ def describe(folder: Path, config: Config) -> None:
     "--method", type=click.Choice(["auto", *reversed(METHODS)]), default="auto", show_default=True
 )
 @click.option("-o", "--out", type=PATH, required=True, help="File for the picture.")
+@OVERWRITE
 @with_scene
 def view(
-    path: Path, row: float, col: float, frame: int, method: str, out: Path, config: Config
+    path: Path,
+    row: float,
+    col: float,
+    frame: int,
+    method: str,
+    out: Path,
+    overwrite: bool,
+    config: Config,
 ) -> None:
     """Write the picture of a camera at ROW, COL of the grid."""
-    check_picture(out, path)
+    check_picture(out, path, overwrite)
     field = opened(path, config)
     for name, value, count in (("row", row, field.rows), ("col", col, field.cols)):
         if not 0 <= value <= count - 1:  # not a number compares false

@@ -79,7 +79,7 @@ def record(out: Path, camera: str | None, duration_s: float | None, config: Conf
 
 @click.group(cls=Group)
 def sequence() -> None:
-    """Inspect, cut, import and export recorded sequences."""
+    """Inspect, cut and import recorded sequences."""
 
 
 def _for_all(paths: tuple[Path, ...], look: Callable[[Path], None]) -> int:
@@ -223,11 +223,3 @@ def import_(video: Path, out: Path, truth: Path | None) -> None:
                 with create_private(out / TRUTH) as file, open_regular(truth) as table:
                     shutil.copyfileobj(table, file)
     print_result(f"{out}: {writer.count} frames")
-
-
-@sequence.command()
-@click.argument("path", type=PATH, metavar="SEQ")
-@click.argument("video", type=PATH)
-def export(path: Path, video: Path) -> None:
-    """Write SEQ as VIDEO, a lossless .mkv, with stamps in a CSV next to it."""
-    print_result(f"{video}, {edit.export(open_sequence(path), video)}")

@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 
 from lfpipe import config as configuration
-from lfpipe.cli.options import PATH, SESSION, complete_settings
+from lfpipe.cli.options import OVERWRITE, PATH, SESSION, complete_settings
 from lfpipe.cli.plugged import ExtensibleGroup, Group
 from lfpipe.cli.terminal import print_result
 from lfpipe.config import converter, parse_set
@@ -206,7 +206,8 @@ def stop_trace(session_name: str) -> None:
 @trace.command("timeline")
 @click.argument("source", metavar="TRACE.jsonl", type=PATH)
 @click.argument("out", metavar="[OUT.json]", required=False, type=PATH)
-def write_timeline(source: Path, out: Path | None) -> None:
+@OVERWRITE
+def write_timeline(source: Path, out: Path | None, overwrite: bool) -> None:
     """Convert a trace to Chrome trace-event JSON, which Perfetto opens.
 
     OUT.json defaults to the name of the trace.
@@ -214,7 +215,7 @@ def write_timeline(source: Path, out: Path | None) -> None:
     from lfpipe.monitor.timeline import convert
 
     out = out or source.with_suffix(".json")
-    convert(source, out)
+    convert(source, out, overwrite)
     print_result(
         f"{out}: open it at ui.perfetto.dev, which does not upload it, or in chrome://tracing"
     )

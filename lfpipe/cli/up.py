@@ -4,7 +4,7 @@ from typing import Any
 
 import click
 
-from lfpipe.cli.options import DURATION, PATH, SESSION, with_settings
+from lfpipe.cli.options import DURATION, OVERWRITE, PATH, SESSION, with_settings
 
 EXAMPLES = """\b
 Examples:
@@ -36,7 +36,7 @@ Examples:
     is_flag=True,
     help="Use a built-in scene and face.",
 )
-@click.option("--overwrite", is_flag=True, help="Replace output files that lfpipe did not write.")
+@OVERWRITE
 @click.option("--no-picture", is_flag=True, help="Track the eyes only, without SCENE and window.")
 @SESSION
 @with_settings

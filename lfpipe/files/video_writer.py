@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import opencv_name
-from lfpipe.files.output import PLACE, mark_video
+from lfpipe.files.output import PLACE
 from lfpipe.files.safe_files import new_file_beside, reason
 from lfpipe.host.files import path_to_write
 from lfpipe.host.machine import install_command
@@ -127,7 +127,6 @@ class VideoWriter:
                 with contextlib.suppress(OSError):
                     self._file.close()
             _move_index_first(path)
-        mark_video(path)
 
 
 def _move_index_first(path: Path) -> None:

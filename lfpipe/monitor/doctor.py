@@ -29,7 +29,7 @@ from lfpipe.config import SessionOptions
 from lfpipe.config.modes import NoViewer
 from lfpipe.config.user_files import commented
 from lfpipe.errors import UserError, redacted
-from lfpipe.files.output import MARK, check_output, write_output
+from lfpipe.files.output import check_output, write_output
 from lfpipe.files.safe_files import PRIVATE
 from lfpipe.host import segment
 from lfpipe.host.files import is_missing
@@ -343,11 +343,11 @@ def checks() -> list[Check]:
     ]
 
 
-def write_report(path: Path, results: list[Check]) -> None:
+def write_report(path: Path, results: list[Check], overwrite: bool = False) -> None:
     """Writes a ZIP file with versions, settings, the checks, and the log and state of the user's
     sessions, private to its owner. Raises UserError.
     """
-    check_output(path, label="--report")
+    check_output(path, overwrite=overwrite, label="--report")
     contents: dict[str, str | bytes] = {
         "versions.json": json.dumps({**versions(), "system": platform.platform()}, indent=1),
         "doctor.txt": "\n".join(
@@ -372,7 +372,6 @@ def write_report(path: Path, results: list[Check]) -> None:
             }
     data = io.BytesIO()
     with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as report:
-        report.comment = MARK
         for name, content in contents.items():
             report.writestr(name, content)
     write_output(path, data.getvalue(), PRIVATE, label="--report")

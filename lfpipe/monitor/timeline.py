@@ -70,11 +70,11 @@ def events(trace: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
             yield slice_of("display", composed_ns, presented_ns, age_ms=age_ms)
 
 
-def convert(source: Path, out: Path) -> None:
+def convert(source: Path, out: Path, overwrite: bool = False) -> None:
     """Writes the JSON Lines trace `source` as trace events to `out`, readable by its owner only.
     Raises UserError and leaves out unchanged.
     """
-    check_output(out, [source])
+    check_output(out, [source], overwrite)
     remedy = "name a trace of `lfpipe up --trace` or `lfpipe trace start`"
     lines = (fields.values for fields in trace_lines(source, remedy))
     try:

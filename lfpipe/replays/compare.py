@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from lfpipe.config import Config, options
 from lfpipe.config.check import flat
 from lfpipe.errors import VALUE_CHARS, UserError, plain, quoted
-from lfpipe.files.output import PLACE, marked_picture, write_output
+from lfpipe.files.output import PLACE, write_output
 from lfpipe.files.pictures import header_of
 from lfpipe.files.safe_files import reason
 from lfpipe.render.listeners.replay_writer import PICTURES
@@ -368,10 +368,7 @@ def _save(folder: Path, frame: int, was: NDArray[np.uint8], now: NDArray[np.uint
     try:
         out.mkdir(exist_ok=True)
         for name, picture in sides.items():
-            write_output(
-                out / f"frame_{frame:06d}_{name}.png",
-                marked_picture(encoded(picture)),
-            )
+            write_output(out / f"frame_{frame:06d}_{name}.png", encoded(picture))
     except OSError as error:
         raise UserError(f"{out}: {reason(error)}", PLACE) from None
     return f"{out}/frame_{frame:06d}_*.png"

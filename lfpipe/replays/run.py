@@ -12,6 +12,7 @@ import json
 import os
 import re
 import shutil
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -19,10 +20,9 @@ from lfpipe import config as config_module
 from lfpipe.config import Config, SessionOptions
 from lfpipe.config.modes import CameraViewer, Live, Lossless, RecordedEyes, ReplayOutput, Viewer
 from lfpipe.errors import UserError
-from lfpipe.files.output import write_output, written_by_lfpipe
+from lfpipe.files.output import write_output
 from lfpipe.files.safe_files import PRIVATE_FOLDER, WORK_NAME, reason
 from lfpipe.host import signals
-from lfpipe.host.file_lock import take_folder
 from lfpipe.host.files import is_dir
 from lfpipe.render.listeners.replay_writer import PICTURES
 from lfpipe.replays.report import DIFFERENCE, REPORT, STEADY, TRACE, Report, make_report
@@ -30,7 +30,7 @@ from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import summarize
 from lfpipe.sequence.folder import MANIFEST
 from lfpipe.sequence.folder import Sequence as Recorded
-from lfpipe.sequence.packets import COPY, INDEX, PACKETS
+from lfpipe.sequence.packets import COPY
 
 _FILE = re.compile(
     r"report\.json|trace\.jsonl|(first|last|worst)\.png|pictures/frames\.(bin|jsonl)"
@@ -73,141 +73,62 @@ def check_out(folder: Path) -> None:
 
     Raises UserError if it is not writable, or contains anything but results.
     """
-    try:
+    with _writing(folder):
         folder.mkdir(PRIVATE_FOLDER, parents=True, exist_ok=True)
         if not os.access(folder, os.W_OK | os.X_OK):
             raise PermissionError(errno.EACCES, "Permission denied")
-        _check_results(folder)
-    except (OSError, ValueError) as error:
-        raise UserError(f"{folder}: cannot be written: {reason(error)}", PLACE) from None
-
-
-def _check_results(folder: Path) -> None:
-    """Raises UserError if a folder contains anything but results of a replay, and OSError."""
-    strange = sorted(
-        name
-        for path in folder.rglob("*")
-        if not _is_result(path, name := path.relative_to(folder).as_posix())
-    )
-    if strange:
-        raise UserError(
-            f"{folder}: contains {strange[0]}, which is not from a replay",
-            "use a new or an empty folder",
+        strange = sorted(
+            name
+            for path in folder.rglob("*")
+            if not _is_result(path, name := path.relative_to(folder).as_posix())
         )
+        if strange:
+            raise UserError(
+                f"{folder}: contains {strange[0]}, which is not from a replay",
+                "use a new or an empty folder",
+            )
 
 
 def _is_result(path: Path, name: str) -> bool:
-    """Whether an entry of a folder is of a replay, by name and content. Raises OSError."""
+    """Whether an entry of a folder is of a replay, by its name."""
     if path.is_symlink() or is_dir(path):
         return name in (PICTURES, DIFFERENCE) and not path.is_symlink()
-    packets = path.name in (PACKETS, INDEX)  # their contents carry no mark
-    known = bool(_FILE.fullmatch(name)) and (packets or written_by_lfpipe(path))
-    return known or bool(WORK_NAME.fullmatch(path.name))  # of a killed run
+    return bool(_FILE.fullmatch(name) or WORK_NAME.fullmatch(path.name))  # of a killed run
+
+
+@contextlib.contextmanager
+def _writing(folder: Path) -> Iterator[None]:
+    """Turns errors of writing a folder into UserError."""
+    try:
+        yield
+    except (OSError, ValueError) as error:
+        raise UserError(f"{folder}: cannot be written: {reason(error)}", PLACE) from None
 
 
 def clear_out(folder: Path) -> None:
     """Removes the results of an earlier run from folder. Raises UserError if that fails."""
     check_out(folder)
-    try:
+    with _writing(folder):
         for path in folder.iterdir():
             shutil.rmtree(path) if is_dir(path) else path.unlink()
-    except OSError as error:
-        raise UserError(f"{folder}: cannot be written: {reason(error)}", PLACE) from None
 
 
-def _beside(reference: Path) -> tuple[Path, Path, Path]:
-    """The folder of a reference, where its next content is written, and where the old one goes."""
+def update_reference(reference: Path, folder: Path) -> None:
+    """Replaces reference by a folder with those files of a run that a comparison reads.
+
+    Raises UserError if that fails; the old reference is then kept.
+    """
     place = Path(os.path.realpath(reference))
-    new, old = (place.with_name(f".{place.name[:200]}.{name}") for name in ("new", "old"))
-    return place, new, old
-
-
-@contextlib.contextmanager
-def _held(folder: Path, reference: Path) -> Iterator[None]:
-    """Holds the lock of a folder, so that a second update of reference is refused. A file system
-    without locks of folders (NFS) goes without. Raises UserError and OSError.
-    """
-    try:
-        lock = take_folder(folder)
-    except OSError as error:
-        if error.errno not in (errno.EBADF, errno.ENOLCK, errno.EOPNOTSUPP):
-            raise
-        yield
-        return
-    if lock is None or not lock.in_place():
-        raise UserError(
-            f"{reference}: another lfpipe is updating it, or it is another user's",
-            "wait until that command has ended, then run this one again",
-        )
-    try:
-        yield
-    finally:
-        lock.release()
-
-
-def recover_reference(reference: Path) -> None:
-    """Completes an update that was killed: its reference is the old one, or the new one in place.
-
-    Raises UserError if an update is running, a name that the update needs is taken, or a folder
-    cannot be written.
-    """
-    place, new, old = _beside(reference)
-    with _writing(reference):
-        for left in (new, old):
-            if os.path.lexists(left):
-                with _held(left, reference):
-                    _check_results(left)
-                    if left == old and not os.path.lexists(place):
-                        old.rename(place)
-                    else:
-                        shutil.rmtree(left)
-
-
-@contextlib.contextmanager
-def _writing(reference: Path) -> Iterator[None]:
-    """Turns errors of writing a reference into UserError."""
-    try:
-        yield
-    except (OSError, ValueError) as error:
-        raise UserError(f"{reference}: cannot be written: {reason(error)}", PLACE) from None
-
-
-@contextlib.contextmanager
-def update_of(reference: Path) -> Iterator[Callable[[Path], None]]:
-    """Keeps other updates of reference away. Yields a function that replaces reference by a folder
-    with those files of a run that a comparison reads.
-
-    Raises UserError if reference could not be written, or anything but results would be removed;
-    the function raises it if writing fails: the old reference is then kept. What a killed update
-    leaves, `recover_reference` completes. Makes the folders above reference.
-    """
-    place, new, old = _beside(reference)
-    with contextlib.ExitStack() as held:
-        with _writing(reference):
-            place.parent.mkdir(parents=True, exist_ok=True)
-            if not os.access(place.parent, os.W_OK | os.X_OK):
-                raise PermissionError(errno.EACCES, "Permission denied")
-            recover_reference(reference)
-            if os.path.lexists(place):
-                check_out(place)
-                held.enter_context(_held(place, reference))
-            new.mkdir(PRIVATE_FOLDER)
-            held.enter_context(_held(new, reference))
-            held.callback(shutil.rmtree, new, ignore_errors=True)
-
-        def replace(folder: Path) -> None:
-            with _writing(reference):
-                for path in (folder / name for name in (REPORT, TRACE, PICTURES)):
-                    if is_dir(path):
-                        shutil.copytree(path, new / path.name)
-                    else:
-                        shutil.copy(path, new)
-                if os.path.lexists(place):
-                    place.rename(old)
-                new.rename(place)
-                shutil.rmtree(old, ignore_errors=True)
-
-        yield replace
+    with _writing(reference), tempfile.TemporaryDirectory(dir=place.parent) as work:
+        new, old = Path(work, "new"), Path(work, "old")
+        new.mkdir(PRIVATE_FOLDER)
+        for path in (folder / name for name in (REPORT, TRACE, PICTURES)):
+            if is_dir(path):
+                shutil.copytree(path, new / path.name)
+            else:
+                shutil.copy(path, new)
+        place.rename(old)
+        new.rename(place)
 
 
 def replay(

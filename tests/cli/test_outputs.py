@@ -1,6 +1,4 @@
-"""What commands write: refused, they leave every file of a person as it was, and they replace only
-what lfpipe wrote.
-"""
+"""What commands write: refused, they leave every file of a person as it was."""
 
 import os
 import shutil
@@ -38,7 +36,6 @@ def owned(tmp_path_factory: pytest.TempPathFactory, clip: Path) -> Path:
     (folder / "link.mkv").symlink_to("me.avi")
     (folder / "walk").mkdir()
     (folder / "walk" / "manifest.json").write_text('{"format": "lfpipe-sequence"}')  # as it begins
-    (folder / "me.csv").write_text("seq,source_seq,epoch,t_sensor_ns,t_read_ns\n")
     (folder / "plan.toml").write_text('sequences = ["walk"]\nsubjects = ["replay"]\n')
     return folder
 
@@ -71,11 +68,10 @@ def owned(tmp_path_factory: pytest.TempPathFactory, clip: Path) -> Path:
         ("replay views --out walk --junit walk/j.xml", "j.xml"),
         param("sweep plan.toml --junit walk/manifest.json", "manifest.json", marks=with_extras),
         ("replay walk --out views/out --junit walk/truth.csv", "truth.csv"),
+        ("replay views --junit notes.txt", "notes.txt"),
         ("replay walk --out walk/out", "walk/out"),
         ("replay views --scene views --expect views/ref --update", "views/ref"),
         ("replay walk --expect nothing", "nothing"),
-        ("up views --camera file:me.avi --display none --trace me.csv --overwrite", "me.csv"),
-        ("up views --camera demo --display none --trace walk/t.jsonl", "t.jsonl"),
         ("scene clean --set scene.cache_dir=.", "cache_dir"),
         ("scene view views --row 0 --col 0 -o v.png --set scene.cache_dir=.", "cache_dir"),
         ("doctor --report notes.txt", "notes.txt"),

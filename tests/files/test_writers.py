@@ -27,7 +27,6 @@ ALLOWED = {
     "bench/charts.py": "into memory",
     "cli/sequence.py": "into a file that it has just made",
     "extras/export/pictures.py": "into memory, or the file of its caller",
-    "files/output.py": "marks the video that its caller has just written",
     "files/video_writer.py": "FFmpeg opens an OutputFile by its random name, or by its descriptor",
     "host/file_lock.py": "locks: never followed, never written",
     "host/files.py": "reserves room in a file that its caller has just made",

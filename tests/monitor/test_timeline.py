@@ -102,11 +102,11 @@ def test_convert_takes_or_refuses_a_damaged_trace(seed: int) -> None:
 
 def test_convert_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
     out, bad = tmp_path / "t.json", tmp_path / "bad.jsonl"
-    out.write_text("# written by lfpipe")
+    out.write_text("mine")
     bad.write_text(json.dumps(LINES[0]) + "\n{}\n")
     with pytest.raises(UserError, match=r"bad\.jsonl.*line 2: source_seq is missing"):
-        convert(bad, out)
-    assert out.read_text() == "# written by lfpipe"
+        convert(bad, out, overwrite=True)
+    assert out.read_text() == "mine"
     os.mkfifo(tmp_path / "fifo")
     for source, place in (
         (tmp_path / "fifo", out),
@@ -114,8 +114,9 @@ def test_convert_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
         (written(bad), tmp_path / "fifo"),
         (bad, tmp_path),
     ):
-        refusal(convert, source, place)
-    convert(bad, out)
+        refusal(convert, source, place, True)
+    assert "already exists" in str(refusal(convert, bad, out))
+    convert(bad, out, overwrite=True)
     slices = check(json.loads(out.read_text())["traceEvents"])
     assert stat.S_IMODE(out.stat().st_mode) == 0o600
     assert (

@@ -74,7 +74,7 @@ def test_bad_input_is_an_error(
         monkeypatch.setenv(name, str(tmp_path / "home"))
     places = {"SEQ": str(seq), "REFERENCE": str(REFERENCE)}
     scene = () if "--scene" in args else ("--scene", str(blocks))
-    junit = ("--junit", "j.xml")
+    junit = ("--junit", "j.xml", "--overwrite")
     write_junit(tmp_path / "j.xml", "seq", [], "", 1.0)  # of a run that passed
     assert typed(monkeypatch, *junit, *scene, *(places.get(arg, arg) for arg in args)) == 2
     failures, errors, text = outcome(tmp_path / "j.xml")

@@ -135,10 +135,6 @@ MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda here: edit.cut(open_sequence(made_sequence(here / "seq")), here / "seq", 0, 1),
         "/here/seq: already exists … another name",
     ),
-    "export to mp4": (
-        lambda here: edit.export(open_sequence(made_sequence(here / "seq")), here / "v.mp4"),
-        "/here/v.mp4: not .mkv … walk.mkv",
-    ),
     "import of text": (
         lambda here: (
             (here / "v.avi").write_text("no video")

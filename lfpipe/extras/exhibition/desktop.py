@@ -11,7 +11,8 @@ from lfpipe.cli.plugged import Group
 from lfpipe.cli.terminal import print_error, print_result
 from lfpipe.errors import UserError
 from lfpipe.extras.exhibition.kiosk import require_plain
-from lfpipe.files.output import check_output, write_output, written_by_lfpipe
+from lfpipe.files.output import write_output
+from lfpipe.host.files import exists
 
 TYPES = (
     "image/png;image/jpeg;image/tiff;image/webp;image/heic;application/zip;application/x-hdf;"
@@ -25,7 +26,6 @@ DIALOGS = (
 )
 # folders are not among the types: some desktops would then open every folder with lfpipe
 ENTRY = """\
-# written by lfpipe
 [Desktop Entry]
 Type=Application
 Name=lfpipe
@@ -36,7 +36,6 @@ Categories=Graphics;Viewer;
 Exec={command}{more}
 """
 ICON = """\
-<!-- written by lfpipe -->
 <svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 64 64">
 <circle cx="24" cy="32" r="20" fill="#f00"/>
 <circle cx="40" cy="32" r="20" fill="#0ff" style="mix-blend-mode:screen"/>
@@ -81,7 +80,6 @@ def install() -> None:
     """Write a menu entry, an icon and file associations."""
     for path, text in _files().items():
         path.parent.mkdir(parents=True, exist_ok=True)
-        check_output(path)
         write_output(path, text.encode(errors="surrogateescape"))
         print_result(path)
 
@@ -89,6 +87,6 @@ def install() -> None:
 @desktop.command()
 def remove() -> None:
     """Remove what `install` wrote."""
-    for path in filter(written_by_lfpipe, _files()):
+    for path in filter(exists, _files()):
         path.unlink()
         print_result(path)

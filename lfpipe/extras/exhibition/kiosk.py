@@ -16,7 +16,7 @@ from lfpipe.cli.terminal import print_result, say
 from lfpipe.config import user_file
 from lfpipe.config.modes import Window
 from lfpipe.errors import UserError, quoted
-from lfpipe.files.output import check_output, write_output
+from lfpipe.files.output import write_output
 from lfpipe.files.safe_files import read_text, write_file
 from lfpipe.host.child import python
 from lfpipe.host.files import exists
@@ -25,7 +25,6 @@ from lfpipe.render.display.open_display import parse_display
 AGAIN_S = 2.0  # pause between a failed session and the next
 VARIABLE = "LFPIPE_KIOSK_CODE"
 UNIT = """\
-# written by lfpipe
 [Unit]
 Description=lfpipe: light-field exhibition
 PartOf=graphical-session.target
@@ -156,7 +155,6 @@ def install(scenes: tuple[Path, ...], code_file: Path | None, every_s: int | Non
     words = python("lfpipe", *options, str(kept), *timed, *map(str, scenes))
     require_plain(words)
     unit.parent.mkdir(parents=True, exist_ok=True)
-    check_output(unit, scenes, label="the unit")
     write_file(kept, code.encode())
     write_output(
         unit, UNIT.format(command=" ".join(map(_quoted, words))).encode(errors="surrogateescape")

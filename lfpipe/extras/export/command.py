@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from lfpipe.cli.options import PATH, SCENE, Number, with_scene
+from lfpipe.cli.options import OVERWRITE, PATH, SCENE, Number, with_scene
 from lfpipe.cli.plugged import Group
 from lfpipe.cli.scene import PICTURES, check_picture, opened, write_picture
 from lfpipe.cli.terminal import print_result, say
@@ -26,7 +26,8 @@ def export() -> None:
 
 
 def _out(help_text: str) -> Callable[[Command], Command]:
-    return click.option("-o", "--out", type=PATH, required=True, help=help_text)
+    out = click.option("-o", "--out", type=PATH, required=True, help=help_text)
+    return lambda command: out(OVERWRITE(command))
 
 
 EYE_DISTANCE = click.option(
@@ -54,13 +55,13 @@ def _seconds(default_s: float) -> Callable[[Command], Command]:
 @_out("Picture; _qs8x6a1.00 is appended to its name.")
 @click.option("--tiles", default="8x6", show_default=True, metavar="COLSxROWS", help="Tiles.")
 @with_scene
-def quilt(path: Path, out: Path, tiles: str, config: Config) -> None:
+def quilt(path: Path, out: Path, overwrite: bool, tiles: str, config: Config) -> None:
     """Write a quilt of views from left to right, for Looking Glass displays."""
     cols, rows = pictures.parse_tiles(tiles)
-    check_picture(out, path)
+    check_picture(out, path, True)
     field = opened(path, config)
     name = pictures.quilt_name(out, cols, rows, field.width_px / field.height_px)
-    check_picture(name, path)
+    check_picture(name, path, overwrite)
     write_picture(name, pictures.SceneExport(field, config).quilt(cols, rows))
 
 
@@ -70,13 +71,20 @@ def quilt(path: Path, out: Path, tiles: str, config: Config) -> None:
 @EYE_DISTANCE
 @_seconds(pictures.SWEEP_S)
 @with_scene
-def pair(path: Path, out: Path, eye_distance: float | None, seconds: float, config: Config) -> None:
+def pair(
+    path: Path,
+    out: Path,
+    overwrite: bool,
+    eye_distance: float | None,
+    seconds: float,
+    config: Config,
+) -> None:
     """Write the views of both eyes, for stereo viewers. MP4 needs the extra media."""
     out = pictures.pair_name(out)
     if out.suffix.lower() == ".mp4":
-        _write_clip(path, out, "pair", eye_distance, seconds, config)
+        _write_clip(path, out, overwrite, "pair", eye_distance, seconds, config)
         return
-    check_picture(out, path, PAIRS)
+    check_picture(out, path, overwrite, PAIRS)
     exported = pictures.SceneExport(opened(path, config), config)
     write_output(out, pictures.stereo_file(*exported.eyes(eye_distance), out.suffix.lower()))
     print_result(out)
@@ -89,10 +97,15 @@ def pair(path: Path, out: Path, eye_distance: float | None, seconds: float, conf
 @_seconds(pictures.WIGGLE_S)
 @with_scene
 def wiggle(
-    path: Path, out: Path, eye_distance: float | None, seconds: float, config: Config
+    path: Path,
+    out: Path,
+    overwrite: bool,
+    eye_distance: float | None,
+    seconds: float,
+    config: Config,
 ) -> None:
     """Write a clip that swings between the views of both eyes: depth without glasses."""
-    _write_clip(path, out, "wiggle", eye_distance, seconds, config)
+    _write_clip(path, out, overwrite, "wiggle", eye_distance, seconds, config)
 
 
 @export.command("sweep")
@@ -100,16 +113,22 @@ def wiggle(
 @_out("Clip (.mp4, .gif).")
 @_seconds(pictures.SWEEP_S)
 @with_scene
-def sweep_clip(path: Path, out: Path, seconds: float, config: Config) -> None:
+def sweep_clip(path: Path, out: Path, overwrite: bool, seconds: float, config: Config) -> None:
     """Write a clip along the middle row, there and back."""
-    _write_clip(path, out, "sweep", None, seconds, config)
+    _write_clip(path, out, overwrite, "sweep", None, seconds, config)
 
 
 def _write_clip(
-    path: Path, out: Path, form: str, eye_distance: float | None, seconds: float, config: Config
+    path: Path,
+    out: Path,
+    overwrite: bool,
+    form: str,
+    eye_distance: float | None,
+    seconds: float,
+    config: Config,
 ) -> None:
     pictures.check_clip(out, round(seconds * pictures.RATE_HZ))
-    check_output(out, [path])
+    check_output(out, [path], overwrite)
     exported = pictures.SceneExport(opened(path, config), config)
     pictures.write_clip(out, exported.clip(form, eye_distance, seconds), pictures.RATE_HZ)
     print_result(f"{out}  {out.stat().st_size / 1e6:.2f} MB")
@@ -120,13 +139,13 @@ def _write_clip(
 @_out("Page (.html).")
 @click.option("--credit", metavar="TEXT", default="", help="Line below the picture.")
 @with_scene
-def page(path: Path, out: Path, credit: str, config: Config) -> None:
+def page(path: Path, out: Path, overwrite: bool, credit: str, config: Config) -> None:
     """Write a web page: one file of at most 8 MB that any browser opens.
 
     Look around by mouse, touch or tilt; a button shows red/cyan. The page loads nothing else.
     """
     check_page(out)
-    check_output(out, [path])
+    check_output(out, [path], overwrite)
     field = opened(path, config)
     if undecided(field, config.scene.invert_depth):
         say("warning: near and far may be swapped; compare with --set scene.invert_depth=yes")

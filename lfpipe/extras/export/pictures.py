@@ -23,7 +23,6 @@ from PIL import Image
 
 from lfpipe.config import Config
 from lfpipe.errors import UserError
-from lfpipe.files.output import MARK, marked_picture
 from lfpipe.files.safe_files import replaced
 from lfpipe.files.video_writer import VideoWriter, require_encoder, write_error
 from lfpipe.render.synthesis.compositor import ViewRenderer
@@ -150,15 +149,13 @@ def stereo_file(left: Picture, right: Picture, suffix: str) -> bytes:
             Image.fromarray(np.ascontiguousarray(eye[..., ::-1])) for eye in (left, right)
         )
         buffer = io.BytesIO()
-        first.save(
-            buffer, "MPO", save_all=True, append_images=[second], quality=JPEG_QUALITY, comment=MARK
-        )
+        first.save(buffer, "MPO", save_all=True, append_images=[second], quality=JPEG_QUALITY)
         return buffer.getvalue()
     eyes = (right, left) if suffix == ".jps" else (left, right)
     coder = ".png" if suffix == ".png" else ".jpg"
     quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY] if coder == ".jpg" else []
     _, data = cv2.imencode(coder, np.hstack(eyes), quality)
-    return marked_picture(data.tobytes())
+    return data.tobytes()
 
 
 def parse_tiles(text: str) -> tuple[int, int]:
@@ -227,5 +224,4 @@ def _write_gif(file: IO[bytes], pictures: list[Picture], rate_hz: float) -> None
         append_images=more,
         duration=10 * hundredths,
         loop=0,
-        comment=MARK,
     )

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from lfpipe.cli.options import PATH, Number
+from lfpipe.cli.options import OVERWRITE, PATH, Number
 from lfpipe.cli.terminal import print_result, say
 from lfpipe.errors import UserError
 from lfpipe.host import signals
@@ -59,6 +59,7 @@ from lfpipe.host import signals
     metavar="FILE",
     help="Write the outcome as JUnit XML.  [default: junit.xml in DIR]",
 )
+@OVERWRITE
 def sweep(
     plan: Path,
     out: Path,
@@ -69,6 +70,7 @@ def sweep(
     expect: Path | None,
     update: bool,
     junit: Path | None,
+    overwrite: bool,
 ) -> int:
     """Run replays, quality measurements and benchmarks over the recordings and scenes of PLAN.toml.
 
@@ -105,7 +107,7 @@ def sweep(
     options = SweepOptions(limit, str(expect.resolve()) if expect else "", update)
     check_outside(out, [*inputs, expect], "--out")
     if junit is not None:
-        check_output(junit, [plan, *inputs, *filter(None, [expect])], label="--junit")
+        check_output(junit, [plan, *inputs, *filter(None, [expect])], overwrite, "--junit")
     if expect is not None:
         check_outside(expect, inputs if update else (), "--expect")
         check_references(options, cells)

@@ -15,6 +15,7 @@ from lfpipe.errors import UserError, plain
 from lfpipe.extras.sweep.plan import Cell
 from lfpipe.files.output import check_output, write_output
 from lfpipe.files.safe_files import LineFile, reason
+from lfpipe.host.files import exists
 from lfpipe.replays.junit import Kind, TestCase, junit
 
 OK, DIFFERS, FAILED, LEFT_OUT = "ok", "differs", "failed", "left out"
@@ -71,14 +72,14 @@ class Store:
     """
 
     def __init__(self, folder: Path) -> None:
-        """Raises UserError if the folder cannot be read or written, or has files of these names
-        that are not ours.
+        """Raises UserError if the folder cannot be read or written, or has files of these names,
+        but no results.
         """
         self.path = folder / LINES
         self.outcomes: dict[str, Outcome] = {}
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            for name in (LINES, TABLE, PAGE, JUNIT):
+            for name in () if exists(self.path) else (LINES, TABLE, PAGE, JUNIT):
                 check_output(folder / name)
             self._file = LineFile(self.path)
             lines = self.path.read_bytes().splitlines()

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fitted, opencv_name
-from lfpipe.files.output import check_output, marked_picture, write_output
+from lfpipe.files.output import write_output
 from lfpipe.files.safe_files import OutputFile
 from lfpipe.files.video_writer import VideoWriter, require_encoder, write_error
 from lfpipe.host.terminal import OPENCV_ERROR, opencv_logging
@@ -194,8 +194,7 @@ def save(path: Path, picture: NDArray[np.uint8]) -> str:
     """
     _, data = cv2.imencode(".png", picture)
     try:
-        check_output(path)
-        write_output(path, marked_picture(data.tobytes()))
+        write_output(path, data.tobytes())
     except UserError as error:
         return f"{error.message}; the picture is not saved"
     return ""

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.files.output import marked_picture
 from lfpipe.files.safe_files import write_file
 from lfpipe.render.presentation import Listener, Presentation
 from lfpipe.sequence.eyes import read_truth
@@ -99,6 +98,6 @@ class ReplayWriter(Listener):
                 )
             writer.close()
             for name, picture in self._named.items():
-                write_file(self._folder / f"{name}.png", marked_picture(encoded(picture)))
+                write_file(self._folder / f"{name}.png", encoded(picture))
         except OSError as error:
             self._lost(f"{self._folder}: {error.strerror}")

@@ -103,7 +103,8 @@ def test_every_pair_is_read_back_and_by_pillow(
     for k in (0, 1):
         for seen in (halves[k], np.moveaxis(again.views[0, 0, k], 0, 2)):
             assert np.abs(seen.astype(int) - eyes[k]).mean() < 3
-    assert export(textured, path, *how, cache=cache) == path  # the name is kept, our file replaced
+    # the name is kept
+    assert export(textured, path, *how, "--overwrite", cache=cache) == path
 
 
 def test_a_pair_in_motion_and_a_sweep_are_videos(scene: Path, cache: str, tmp_path: Path) -> None:
@@ -180,7 +181,7 @@ def test_what_cannot_be_exported_is_refused(
         (lambda: parse_tiles("0x6"), "--tiles 0x6"),
         (lambda: check_clip(tmp_path / "x.webm", 3), "not .mp4 or .gif"),
         # players would show a pair
-        (lambda: check_picture(tmp_path / "x.jps", scene), "not .png, .jpg or .jpeg"),
+        (lambda: check_picture(tmp_path / "x.jps", scene, False), "not .png, .jpg or .jpeg"),
         (lambda: check_clip(tmp_path / "x.gif", 301), "301 pictures"),
         (
             lambda: write_clip(tmp_path / "no" / "x.gif", iter([np.zeros((4, 4, 3), np.uint8)]), 3),
