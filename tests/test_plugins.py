@@ -224,7 +224,6 @@ def test_plugin_filter_may_return_lists(install: Install) -> None:
         ("events", "3", "not list"),
         ("events", "[3]", "not Event"),
         ("events", "[Event(5)]", "its name: not str"),
-        ("events", "[Event('click', at_px=(1.0,))]", "its at_px: not "),
         ("presented", "[Presented(1, None, 0)]", "its t_ns: not int"),
         ("notices", "[DisplayNotice(b'x', True)]", "its text: not str"),
         ("shown_px", "(640,)", "1 values instead of 2"),

@@ -66,7 +66,7 @@ class Display:
 
     def events(self) -> list[Event]:
         """User input since the last call: actions of keys, events of overlay items, "load" for a
-        dropped file, "click" on the picture. Call it often: it keeps a window responsive.
+        dropped file. Call it often: it keeps a window responsive.
         """
         return []
 

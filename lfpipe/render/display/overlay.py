@@ -19,8 +19,6 @@ class Event:
     """A path for "load" and "delete"; the kind of glasses for "wear"."""
     value: float = 0.0
     """Position of a slider, 0 to 1."""
-    at_px: tuple[float, float] | None = None
-    """Place (x, y) of a "click", px of the picture."""
 
 
 NO_EVENT = Event("")

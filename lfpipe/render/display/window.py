@@ -359,15 +359,15 @@ class ScreenWindow(Display):
             # a click, and no drag of the view
             self.pointer = attrs.evolve(self.pointer, left=False)
         elif native.type == pygame.MOUSEBUTTONDOWN and native.button == 1:
-            return self._press(at_px)
+            self._press(at_px)
         elif self._pans:
             after = self._at_shown()
             self._zoom.drag((after[0] - before[0], after[1] - before[1]))
         return event
 
-    def _press(self, at_px: tuple[int, int]) -> Event | None:
-        """A press of the left button on the picture: a click, perhaps the second one or the start
-        of a drag.
+    def _press(self, at_px: tuple[int, int]) -> None:
+        """A press of the left button on the picture: perhaps a double click, or the start of a
+        drag.
         """
         now_s = time.monotonic()
         is_second = (
@@ -379,16 +379,6 @@ class ScreenWindow(Display):
         self._pans = self._zoom.active
         if self._pans:
             self.pointer = attrs.evolve(self.pointer, left=False)
-        if self._shown is None:
-            return None
-        rows, cols = self._shown[0].shape[:2]
-        down, across = self._zoom.part(rows, cols)
-        x, y = self._at_shown()
-        at = (
-            across.start + x * (across.stop - across.start),
-            down.start + y * (down.stop - down.start),
-        )
-        return Event("click", at_px=at)
 
     def _at_shown(self) -> tuple[float, float]:
         """The pointer as shares of what is shown of the picture; beyond 0 to 1 beside it."""
