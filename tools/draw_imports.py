@@ -3,16 +3,16 @@ current.
 
 python -m tools.draw_imports
 
-A layer imports only layers below it (`tests/test_structure.py`). Its line crosses the arrow of each
-layer that it imports, with a dot where it joins one.
+A layer imports only layers below it (`lint-imports`). Its line crosses the arrow of each layer that
+it imports, with a dot where it joins one.
 """
 
 import argparse
 import ast
+import tomllib
 from pathlib import Path
 
 from tests.support.source import modules, package_of
-from tests.test_structure import LAYERS
 from tools.svg import CORE, EXTRA, MEMORY, Box, figure, line, text
 
 OUT = Path(__file__).parents[1] / "docs" / "imports.svg"
@@ -22,8 +22,16 @@ COLOURS = ("#3e63dd", "#b25e09", "#218358", "#a144af", "#c62a2f", "#0d74a4")  # 
 
 
 def layers() -> list[set[str]]:
-    """From the bottom up."""
-    return [{TOP_LEVEL}, *LAYERS]
+    """From the bottom up, as the first contract of [tool.importlinter] has them."""
+    tool = tomllib.loads((OUT.parents[1] / "pyproject.toml").read_text())["tool"]
+    contract = tool["importlinter"]["contracts"][0]
+    return [
+        {TOP_LEVEL},
+        *(
+            {name.removeprefix("lfpipe.") for name in layer.split(" | ")}
+            for layer in reversed(contract["layers"])
+        ),
+    ]
 
 
 def imports() -> set[tuple[int, int]]:

@@ -130,7 +130,7 @@ def scene_path(
         if is_file(path):
             return path
         for old in folder.glob(f"array-{'[0-9a-f]' * 20}.np[yz]"):
-            if time.time() - old.lstat().st_atime > KEPT_S:
+            if time.time() - old.lstat().st_atime > KEPT_S:  # noqa: TID251 - a date
                 old.unlink(missing_ok=True)
         with replaced(path) as file:
             if known:

@@ -87,7 +87,7 @@ def python() -> Check:
     return Check(
         "python",
         True,
-        f"{platform.python_version()} ({platform.python_implementation()}, {sys.executable}),"
+        f"{platform.python_version()} ({platform.python_implementation()}, {sys.executable}),"  # noqa: TID251
         f" {count} cores, {'short' if short else 'usual'} time slices",
         hint if count > 1 else "use at least two cores; on one, the rates are lower",
     )

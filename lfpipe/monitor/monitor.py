@@ -215,7 +215,7 @@ def run(name: str, once: bool, as_json: bool) -> None:
         if not as_json and (once or not redraws):
             print_state(watch.read())
         while as_json:
-            print(json.dumps(watch.read().to_dict()), flush=True)
+            print(json.dumps(watch.read().to_dict()), flush=True)  # noqa: T201
             if once or not watch.living():
                 return
             time.sleep(PERIOD_S)

@@ -7,9 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
-from profiling.pipeline_vs_loop import load_text
 from tests.support.extras import PRESENT
 from tests.support.world import World
 
@@ -43,11 +40,6 @@ def test_benchmarks_from_the_command_line_share_a_folder(
     ]
 
 
-@pytest.mark.parametrize(("load", "idle"), [(0.3, True), (1.0, True), (1.1, False), (9.0, False)])
-def test_pipeline_vs_loop_says_whether_the_machine_is_idle(load: float, idle: bool) -> None:
-    assert ("not idle" not in load_text(load, 2)) == idle
-
-
 def test_mistakes_are_named(world: World, clip: Path) -> None:
     alone = world.run("bench")
     assert "Run every benchmark" in alone.stdout + alone.stderr, "its help"
@@ -76,22 +68,3 @@ for script in sys.argv[1:]:
     except SystemExit as ended:
         print("ended with", ended.code or 0, script)
 """
-
-
-def test_help_needs_nothing() -> None:
-    """All scripts in one process: most of the time goes to what they import."""
-    done = subprocess.run(
-        [sys.executable, "-c", HELP, *map(str, SCRIPTS)], capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stderr
-    said = done.stdout.split("ended with ")
-    assert [one.split("\n")[0] for one in said[1:]] == [f"0 {path}" for path in SCRIPTS]
-    assert all("usage" in one.lower() for one in said[:-1]), done.stdout
-
-
-def test_missing_data_is_named() -> None:
-    for name in WITH_DATA:
-        done = run(ROOT / "profiling" / f"{name}.py", "nowhere")
-        assert (
-            done.returncode == 2 and "nowhere" in done.stderr and "Traceback" not in done.stderr
-        ), done.stderr

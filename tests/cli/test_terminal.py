@@ -1,6 +1,5 @@
 """All that commands print goes through `lfpipe.cli.terminal`."""
 
-import ast
 import os
 import pty
 import subprocess
@@ -12,27 +11,6 @@ import pytest
 from click.testing import CliRunner
 
 from lfpipe.cli import cli, terminal
-from tests.support.source import nodes
-
-PRINTERS = {
-    "cli/terminal.py": "here",
-    "monitor/monitor.py": "JSON, and tables whose text is made plain",
-}
-
-
-def _prints(call: ast.Call) -> bool:
-    function = call.func
-    if isinstance(function, ast.Name):
-        return function.id == "print"
-    return isinstance(function, ast.Attribute) and (
-        function.attr in ("echo", "secho", "print")
-        or (function.attr == "write" and ast.unparse(function.value).startswith("sys.std"))
-    )
-
-
-def test_only_terminal_module_prints() -> None:
-    printers = {module for module, call in nodes(ast.Call) if _prints(call)}
-    assert printers == set(PRINTERS)
 
 
 @pytest.mark.parametrize("out", [terminal.print_result, terminal.say])

@@ -4,11 +4,9 @@ and docs/python.md run.
 
 import os
 import re
-import subprocess
 import sys
 import tarfile
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -55,29 +53,6 @@ def test_example_program_runs(
     assert printed in run(
         world, fresh, *start, EXAMPLES / program, *(places.get(word, word) for word in arguments)
     )
-
-
-EXAMPLE_FILES = sorted(path.name for path in EXAMPLES.iterdir() if path.suffix in (".py", ".sh"))
-
-
-def test_example_programs_are_run_and_listed() -> None:
-    marks: Any = test_example_program_runs.pytestmark  # type: ignore[attr-defined]
-    programs = {row[0].split()[0] for row in marks[0].args[1]}
-    # tests/extras/share/test_examples.py, and tests/pipeline/test_live_field.py
-    programs |= {"eyes_to_page.py", "lsl_experiment.py", "live_scene.py"}
-    assert programs == set(EXAMPLE_FILES)
-    listed = re.findall(r"^\| `([\w.]+) ", (EXAMPLES / "README.md").read_text(), re.M)
-    assert sorted(listed) == EXAMPLE_FILES
-
-
-@pytest.mark.parametrize("name", EXAMPLE_FILES)
-def test_example_program_without_arguments_prints_its_usage(name: str, tmp_path: Path) -> None:
-    words = [sys.executable] if name.endswith(".py") else []
-    done = subprocess.run(
-        [*words, EXAMPLES / name], capture_output=True, text=True, cwd=tmp_path, timeout=60
-    )
-    assert done.returncode == 1 and f"{name} " in done.stderr, done.stderr
-    assert not any(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("number", range(len(PROGRAMS)))

@@ -17,14 +17,12 @@ FOLDERS = ("lfpipe", "tests", "tools", "docs", "examples", "profiling")
 # whether there are extras
 SAMPLE = """
     api/test_api.py::test_import_lfpipe_loads_nothing_else bench/test_runner.py
-    bench/test_commands.py::test_pipeline_vs_loop_says_whether_the_machine_is_idle
     cli/test_help.py cli/test_plugged.py contracts
     config/test_config.py::test_the_file_at_the_top_and_the_pages_of_keys_and_commands_are_current
     docs/test_commands.py docs/test_figures.py files/test_writers.py host/test_shared_memory.py
     live/test_field.py monitor/test_monitor.py notices pipeline/test_held.py render/test_notices.py
     replay/test_recorder_faults.py scene/test_description.py sequence/test_views.py
     supervisor/test_session_state.py supervisor/test_wire_format.py
-    test_form.py::test_positional_allowlist_is_minimal
     test_plugins.py::test_plugin_engine_or_filter_that_fails_is_named test_structure.py
     track/test_eye_tracker.py transport/test_packet_ring.py
 """

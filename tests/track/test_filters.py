@@ -6,7 +6,6 @@ import itertools
 import math
 from collections.abc import Callable
 from fractions import Fraction
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,6 @@ from numpy.typing import NDArray
 
 from lfpipe.config import FILTER_MODULES, Track
 from lfpipe.eyes import MAX_EYE_PX, MAX_STEP_NS, low_pass_gain
-from lfpipe.track import filters
 from lfpipe.track.filters import learnt_motion, models, noise
 from lfpipe.track.filters.base import MIN_STEP_NS, EyeFilter
 from lfpipe.track.filters.half_distance import HalfDistance
@@ -77,16 +75,6 @@ def sideways(x_px: Callable[[float], float]) -> Motion:
 
 def swaying(size_px: float, hz: float) -> Callable[[float], float]:
     return lambda t_s: size_px * math.sin(2 * math.pi * hz * t_s)
-
-
-def test_every_filter_module_is_a_row_of_the_table() -> None:
-    found = {
-        path.stem
-        for path in Path(filters.__path__[0]).glob("*.py")
-        if "\ndef make(track: Track" in path.read_text()
-    }
-    assert set(FILTER_MODULES.values()) == found
-    assert all(isinstance(make(kind), EyeFilter) for kind in KINDS)
 
 
 @pytest.mark.parametrize("kind", PREDICTING)
