@@ -19,7 +19,6 @@ SCRIPTS = sorted(
     for path in FILES
     if path.stem not in NO_SCRIPTS and (PRESENT or "lfpipe.extras" not in path.read_text())
 )
-WITH_DATA = ("eyes_engines", "pipeline_vs_loop", "scene_pack")
 
 
 def test_benchmarks_from_the_command_line_share_a_folder(
@@ -55,16 +54,3 @@ def run(script: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, str(script), *words], capture_output=True, text=True, check=False
     )
-
-
-# runs each script as its own name, from its own folder
-HELP = """
-import pathlib, runpy, sys
-
-for script in sys.argv[1:]:
-    sys.path[0], sys.argv = str(pathlib.Path(script).parent), [script, "--help"]
-    try:
-        runpy.run_path(script, run_name="__main__")
-    except SystemExit as ended:
-        print("ended with", ended.code or 0, script)
-"""

@@ -8,12 +8,10 @@ import shutil
 import signal
 import time
 from pathlib import Path
-from typing import Any
 
 import psutil
 import pytest
 
-from lfpipe.eyes import MAX_PREDICTION_S
 from lfpipe.supervisor.stage_process import HANG_S
 from lfpipe.transport.clock import SLEPT_NS, SleepWatch
 from tests.support.world import World
@@ -94,24 +92,6 @@ def test_sleep_watch_notices_a_sleep_once() -> None:
     asleep_ns += 1
     assert watch.woke() and not watch.woke()
     assert not SleepWatch().woke(), "this machine has not slept in between"
-
-
-def _alone(world: World, since_ns: int) -> list[dict[str, Any]]:
-    return [line for line in world.lines() if not line["face"] and line["t_composed_ns"] > since_ns]
-
-
-def test_tracker_that_hangs_shows_nobody(world: World, scene: Path) -> None:
-    """Found after SIGKILL of track: "eyes predicted ahead p95 2588 ms"."""
-    world.up(scene)
-    world.wait_for(lambda: any(line["face"] for line in world.lines()), "a face")
-    pid = world.kill("track", signal.SIGSTOP)
-    stopped_ns = time.monotonic_ns()
-    try:
-        lines = world.wait_for(lambda: _alone(world, stopped_ns), "picture for nobody")
-    finally:
-        os.kill(pid, signal.SIGCONT)
-    assert lines[0]["t_composed_ns"] - lines[0]["t_sensor_ns"] < 0.7e9
-    assert world.monitor()["prediction"]["max_ms"] <= 1.02e3 * MAX_PREDICTION_S
 
 
 @pytest.mark.native("stops a server of X")

@@ -17,9 +17,7 @@ from hypothesis import strategies as st
 from lfpipe.errors import UserError
 from lfpipe.monitor.timeline import TRACKS, convert, events
 from tests.support import hostile_files as hostile
-from tests.support.processes import open_umask
 from tests.support.refusal import refusal
-from tests.support.world import World
 
 
 def line(
@@ -124,23 +122,3 @@ def test_convert_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
         and slices["render"][0]["dur"] == 4.0
     ), "microseconds"
     assert slices["display"][0]["args"]["age_ms"] == pytest.approx(0.0086)
-
-
-def test_trace_of_a_running_session_and_its_timeline(live: World, tmp_path: Path) -> None:
-    named = ("--session", live.name)
-    trace = tmp_path / "t.jsonl"
-    assert live.run("trace", "stop", *named).returncode == 2, "none runs"
-    with open_umask():
-        live.done("trace", "start", trace, *named)
-        other = tmp_path / "u.jsonl"
-        assert "t.jsonl is already" in live.refused("trace", "start", other, *named)
-        live.pictures(len(live.lines()) + 40)
-        assert str(trace) in live.done("trace", "stop", *named).stdout
-        live.done("trace", "timeline", trace)
-    written = [json.loads(text) for text in trace.read_text().splitlines()]
-    whole = {each["seq"]: each for each in live.lines()}
-    assert written and all(each == whole[each["seq"]] for each in written), "one format"
-    slices = check(json.loads((tmp_path / "t.json").read_text())["traceEvents"])
-    assert all(len(slices[name]) > 5 for name in ("capture", "track"))
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["t.json", "t.jsonl"]
-    assert {stat.S_IMODE(path.stat().st_mode) for path in tmp_path.iterdir()} == {0o600}

@@ -2,19 +2,16 @@
 trace in memory; packs in use are kept. And several scenes in one session, chosen by command.
 """
 
-import contextlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import psutil
 import pytest
 
 from lfpipe import config
 from lfpipe.scene.packer import playlist
-from lfpipe.transport import control
 from tests.scene import made
-from tests.support.world import World, connected, write_scene
+from tests.support.world import World, write_scene
 
 
 def running(root: Path, name: str, write: Callable[[Path], Path]) -> Iterator[World]:
@@ -27,53 +24,6 @@ def running(root: Path, name: str, write: Callable[[Path], Path]) -> Iterator[Wo
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
     yield from running(tmp_path_factory.mktemp("loading"), "first", write_scene)
-
-
-def scene_of(world: World) -> dict[str, Any]:
-    return dict(world.ask(cmd="hello")["options"]["scene"])
-
-
-def packing(world: World) -> bool:
-    """Whether a packer of this world runs."""
-    for process in psutil.process_iter(["cmdline", "environ"]):
-        with contextlib.suppress(psutil.Error, KeyError, TypeError):
-            if "lfpipe.scene.packer" in process.info["cmdline"] and str(world.root) in str(
-                process.info["environ"]
-            ):
-                return True
-    return False
-
-
-def slow_scene(folder: Path, views: int = 7) -> Path:
-    """Takes seconds: larger than the others, and with disparity to measure."""
-    return made.write_grid(folder, made.views(views, views, 256, 320), "input_Cam{n:03d}.png")
-
-
-@pytest.mark.live
-def test_load_ends_with_its_client(session: World) -> None:
-    scene = slow_scene(session.root / "left")
-    with connected(session.session_dir) as socket:
-        socket.send(control.encode({"cmd": "load", "scene": str(scene)}))
-        session.wait_for(lambda: packing(session), "a packer")
-        shown = scene_of(session)["name"]
-    if shown == "first":  # else the views were there before the client left
-        session.wait_for(lambda: not packing(session), "the packer's end")
-        assert scene_of(session)["name"] == "first"
-
-
-@pytest.mark.live
-def test_load_shows_views_before_their_disparity(session: World) -> None:
-    assert session.ask(cmd="load", scene=str(slow_scene(session.root / "both", 5)))["ok"]
-    early = scene_of(session)
-    session.wait_for(lambda: scene_of(session)["complete"], "the disparity")
-    late = scene_of(session)
-    assert (
-        not early["complete"]
-        and early["method"] in ("nearest", "blend")
-        and not early["has_disparity"]
-    )
-    assert late["pack"] == early["pack"] and late["method"].startswith("warp")
-    session.wait_for(lambda: session.lines()[-1]["method"].startswith("warp"), "warped pictures")
 
 
 def mapped(pid: int) -> set[str]:
@@ -96,17 +46,6 @@ def test_load_unmaps_the_packs_that_are_left(session: World) -> None:
         )
         files.append(render.num_fds())
     assert max(files[3:]) - min(files[3:]) <= 2, files
-
-
-def test_scene_clean_keeps_packs_in_use(world: World, scene: Path) -> None:
-    world.shows(scene, "--set", "render.clock=camera")
-    world.kill("render")
-    cleaned = world.done("scene", "clean", "--all").stdout
-    assert "kept, in use" in cleaned and "removed 0 packs" in cleaned
-    world.more_pictures(5)
-    world.ctl("stop")
-    world.wait_for(lambda: not world.left(), "end of the session")
-    assert "removed 1 pack," in world.run("scene", "clean", "--all").stdout
 
 
 def write_scenes(folder: Path) -> Path:

@@ -157,20 +157,3 @@ def test_stages_that_are_killed_or_hang_come_back(world: World, scene: Path) -> 
     assert "track: no beat for" in world.ended(process) and not any(
         Path(f"/proc/{pid}").exists() for pid in pids
     )
-
-
-@pytest.mark.live
-def test_a_request_that_looks_like_an_answer_is_a_request(world: World, scene: Path) -> None:
-    world.shows(scene)
-    before = world.monitor()["stages"]["render"]
-    odd: tuple[dict[str, Any], ...] = (
-        {"ok": False},
-        {"ok": True},
-        {"config": {}},
-        {"number": 7},
-        {"error": "x", "ok": False},
-    )
-    for fields in odd:
-        assert world.ask(cmd="recentre", **fields)["ok"], fields
-    after = world.monitor()["stages"]["render"]
-    assert after["pid"] == before["pid"] and after["restarts"] == 0
