@@ -21,7 +21,6 @@ WORK = {
     "capture": "camera, file, demo",
     "track": "face engine, filter",
     "render": "synthesis, anaglyph",
-    "record": "frames to disk",
     "views": "camera, program",
     "disparity": "of the views in need",
     "share": "OSC, LSL, opentrack",

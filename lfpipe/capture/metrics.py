@@ -1,8 +1,10 @@
 """The metrics of the stage `capture`."""
 
+from lfpipe.sequence.recorder import METRICS as RECORDING
 from lfpipe.transport.metrics import Kind, Metric, MetricSet
 
 METRICS = MetricSet(
+    *RECORDING,
     Metric("nominal_mhz", Kind.GAUGE, "frames per 1000 s that the camera agreed to deliver"),
     Metric("covered", Kind.FLAG, "its frames show nothing: a shutter, a cover, or no light at all"),
     Metric("shuttered", Kind.FLAG, "the camera's privacy switch is on, whatever its frames show"),

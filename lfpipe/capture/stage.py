@@ -1,11 +1,11 @@
 """Capture: frames of a camera, a file or the demo into the ring.
 
 Reads: the source in option "source".
-Writes: ring "frames", one slot per frame, decoded in place; while a recording runs, ring "packets"
-with the original JPEGs.
-Commands: stop; pause and resume by configuration: a recording stands still, and a camera is read
-once a second, its frames dropped. While nobody looks, eight frames a second are published, and a
-camera is read as often.
+Writes: ring "frames", one slot per frame, decoded in place; recordings, by the original JPEGs where
+there are any.
+Commands: record, stop; pause and resume by configuration: a recording stands still, and a camera is
+read once a second, its frames dropped. While nobody looks, eight frames a second are published, and
+a camera is read as often.
 Emits: source (what was opened), camera (lost, found), notice (the same for people).
 State: READY, not RUNNING, while no camera delivers frames.
 """
@@ -16,6 +16,8 @@ import time
 from collections import deque
 
 import attrs
+import numpy as np
+from numpy.typing import NDArray
 
 from lfpipe.capture.content import ContentWatch
 from lfpipe.capture.frame_source import BrokenFrame, Frame, SourceInfo
@@ -25,9 +27,9 @@ from lfpipe.capture.schedule import Lateness
 from lfpipe.config import Camera
 from lfpipe.config.modes import Lossless, RecordedEyes
 from lfpipe.errors import UserError
+from lfpipe.sequence.recorder import Recordable, Recorder
 from lfpipe.transport.clock import SECOND_NS, SleepWatch, now_ns
 from lfpipe.transport.context import Context
-from lfpipe.transport.packet_ring import PacketOutput
 from lfpipe.transport.status import State
 
 log = logging.getLogger(__name__)
@@ -70,7 +72,7 @@ class _LightWatch:
 class CaptureStage:
     """Reads a source, and publishes its frames when they are due.
 
-    source, camera: as for `open_source`. ring: for its frames. packets: for their JPEGs.
+    source, camera: as for `open_source`. ring: for its frames. recorder: records them.
     """
 
     def __init__(
@@ -79,12 +81,12 @@ class CaptureStage:
         source: str,
         camera: Camera,
         ring: str,
-        packets: PacketOutput | None = None,
+        recorder: Recorder | None = None,
     ) -> None:
         self._context = context
         self._lossless = isinstance(context.options.clock, Lossless)
         self._frames = context.output(ring)
-        self._packets = packets
+        self._recorder = recorder
         with context.setting_up("opening the source"):
             self._source = open_source(source, camera, reconnect=True)
         self._report_source()
@@ -121,7 +123,7 @@ class CaptureStage:
             return
         next_ns = 0  # when a frame is read
         while context.wait(next_ns) and not self._ended:
-            context.ack_config()
+            self._take_commands()
             t_begin_ns = now_ns()
             if context.paused and not self._live:
                 self._stand_still()
@@ -138,7 +140,7 @@ class CaptureStage:
         """Stops a recording and its clock while the session is paused."""
         began_ns = now_ns()
         while self._context.paused and self._context.wait():
-            self._context.ack_config()
+            self._take_commands()
         if not self._lossless:
             self._lateness.moved_ns += now_ns() - began_ns
 
@@ -213,18 +215,42 @@ class CaptureStage:
             context.row["left_out"] += 1
         else:
             self._published_ns = t_sensor_ns
-            if self._packets is not None:
-                self._packets.set_options(context.options)
-                self._packets.publish(
-                    frame.packet, frame.source_seq, t_sensor_ns, t_read_ns, frames.writer.epoch
-                )
             frames.publish(frame.source_seq, t_sensor_ns, t_read_ns, kind=frame.stamp)
             t_ns = now_ns()
             context.row.count_output(frame.source_seq)
             context.row.record_latency(t_read_ns - t_sensor_ns, busy_ns, t_ns - t_sensor_ns)
             context.row["cpu_ns"] = time.process_time_ns()
+            if self._recorder is not None and self._recorder.active:
+                self._record(frame, t_sensor_ns, t_read_ns, picture)
         self._content.add(picture, frame.t_sensor_ns)  # which would delay the frame
         self._report_content(frame)
+
+    def _record(
+        self, frame: Frame, t_sensor_ns: int, t_read_ns: int, picture: NDArray[np.uint8]
+    ) -> None:
+        """Records a frame, as the source's own JPEG if it delivers them."""
+        assert self._recorder is not None
+        jpeg = frame.packet
+        recordable = Recordable(
+            source_seq=frame.source_seq,
+            epoch=self._frames.writer.epoch,
+            t_sensor_ns=t_sensor_ns,
+            t_read_ns=t_read_ns,
+            data=picture.copy() if jpeg is None else jpeg.tobytes(),
+            codec="" if jpeg is None else "jpeg",
+        )
+        self._recorder.add(recordable, wait=self._lossless)
+
+    def _take_commands(self) -> None:
+        """Executes commands, and follows the recording."""
+        context = self._context
+        context.ack_config()
+        if self._recorder is None:
+            return
+        for word, message in context.commands() if context.news else ():
+            if word == "record":
+                self._recorder.handle(message)
+        self._recorder.report()
 
     def _report_content(self, frame: Frame) -> None:
         """Reports frames that show nothing, and a light that flashes."""
@@ -268,15 +294,14 @@ class CaptureStage:
         return t_ns
 
     def close(self) -> None:
-        """Closes the source."""
-        if self._packets is not None:
-            self._packets.close()
+        """Closes the source, and completes a recording."""
         self._source.close()
+        if self._recorder is not None:
+            self._recorder.close()
 
 
 def main(context: Context) -> None:
     """Runs the stage until it is stopped or the source ends."""
-    packets = PacketOutput(context.spec.session, "packets")
     camera = camera_settings(context.config)
     source = context.options.viewer.source
     if context.spec.request:  # a viewer that is exchanged while the session runs
@@ -289,7 +314,9 @@ def main(context: Context) -> None:
             )
         source = found.source
         context.answer({"number": context.spec.request}, **attrs.asdict(found))
-    run(CaptureStage(context, source, camera, "frames", packets), context)
+    viewer = context.options.viewer
+    recorder = Recorder(context, viewer.jpeg_px or context.config.camera.frame_px)
+    run(CaptureStage(context, source, camera, "frames", recorder), context)
 
 
 def run(stage: CaptureStage, context: Context) -> None:

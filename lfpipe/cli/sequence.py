@@ -57,10 +57,11 @@ def record(out: Path, camera: str | None, duration_s: float | None, config: Conf
     Stop with Ctrl-C. See also `lfpipe ctl record`.
     """
     viewer = check_source(camera or config.camera.source, camera_settings(config))
+    if isinstance(viewer, RecordedEyes):
+        raise UserError(f"{viewer.source} is a recording already", "copy its folder")
     config = with_measured_focal(config, camera_name(viewer.source))
     check_out(out)
-    # the tracker plays recorded eyes
-    viewer = attrs.evolve(viewer, tracked=isinstance(viewer, RecordedEyes))
+    viewer = attrs.evolve(viewer, tracked=False)
     options = SessionOptions(
         viewer=viewer,
         clock=clock_of(viewer.source),

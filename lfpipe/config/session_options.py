@@ -174,7 +174,6 @@ class SessionOptions:
     record: str = ""
     # names of rings that exist only on demand
     pictures: str = ""
-    packets: str = ""
     # the scene, if it is captured now
     live: LiveSource | None = None
     # what stages of other packages work on, by the name of the stage

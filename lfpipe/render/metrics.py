@@ -1,10 +1,12 @@
 """The metrics of the stage `render`."""
 
 from lfpipe.render.viewer.presence import ViewerState
+from lfpipe.sequence.recorder import METRICS as RECORDING
 from lfpipe.transport.metrics import Kind, Metric, MetricSet
 
 VIEWER_STATES = tuple(state.word for state in ViewerState)
 METRICS = MetricSet(
+    *RECORDING,  # of the eyes of the mouse
     Metric("face", Kind.FLAG, "the newest picture was made for a face"),
     Metric("resting", Kind.FLAG, "no refresh needs a picture, because nothing changes"),
     Metric("t_face_ns", Kind.STAMP, "last picture for a face, or the start of the stage"),

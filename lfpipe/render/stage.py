@@ -3,9 +3,10 @@
 Reads: ring "eyes", the newest record; the packed scene named by option "pack", or the rings "views"
 and "disparity" of a live one.
 Writes: the display of option "display"; the trace of option "trace"; the last picture to option
-"still"; without a camera, ring "eyes" from the mouse; for a live scene, ring "viewpoints".
-Commands: recentre, trace, loading (progress), stop; settings and another scene by configuration, a
-lowered quality by option "level".
+"still"; without a camera, ring "eyes" from the mouse, and recordings of them; for a live scene,
+ring "viewpoints".
+Commands: recentre, trace, record, loading (progress), stop; settings and another scene by
+configuration, a lowered quality by option "level".
 Asks: set, keep, costs, recentre, load, previews, pause, resume, record, stop (events of the
 window).
 Emits: parallax (alpha and its reasons), viewer (nobody, arriving, seated, lost, exchanged), notice
@@ -69,6 +70,7 @@ from lfpipe.render.viewer.viewer import Canvas, Viewer
 from lfpipe.scene.inverted_depth import remember, shown_as
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import open_pack
+from lfpipe.sequence.recorder import Recorder
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.control import Message
@@ -162,6 +164,7 @@ class RenderStage:
             self._viewer,
             context.output("eyes") if isinstance(options.viewer, MouseViewer) else None,
         )
+        self._follow_mouse()
         self._status = StatusRow(context.row, self._viewer, self._display)
         self._listeners = self._make_listeners()
         self._refresh = None if self._on_camera else self._make_refresh()
@@ -459,6 +462,8 @@ class RenderStage:
                 context.answer(
                     message, text=self._ui.act(message["name"], message.get("value", 0.0))
                 )
+            elif word == "record" and self._mouse.recorder is not None:
+                self._mouse.recorder.handle(message)
             elif word == "trace":
                 self._check_trace(message)
             elif word == "loading":
@@ -485,8 +490,15 @@ class RenderStage:
         if self._mouse.ring is not None:
             self._context.end_output(self._mouse.ring)
         self._mouse.exchange(is_mouse)
+        self._follow_mouse()
         self._viewer.exchange(isinstance(viewer, MouseViewer | RecordedEyes))
         self._presenter.redraw()
+
+    def _follow_mouse(self) -> None:
+        """Records the mouse where it is the viewer; capture records cameras."""
+        if isinstance(self._options.viewer, MouseViewer) and self._mouse.recorder is None:
+            frame_px = self._context.config.camera.frame_px
+            self._mouse.recorder = Recorder(self._context, frame_px)
 
     def _open_scene(self, other_pack: bool, completed: bool, turned: bool) -> None:
         """Shows the scene of the current settings.
@@ -537,6 +549,8 @@ class RenderStage:
         # a ring has one writer
         if self._mouse.waits and self._context.table.rows[TRACK]["state"] in ENDED:
             self._mouse.ring = self._context.output("eyes")
+        if self._mouse.recorder is not None:
+            self._mouse.recorder.report()
 
     def close(self) -> None:
         """Writes pending outputs and closes the display."""
@@ -551,6 +565,8 @@ class RenderStage:
             self._context.report_lost(error.message)
         self._ui.pass_on_notices()
         self._files.close()
+        if self._mouse.recorder is not None:
+            self._mouse.recorder.close()
 
 
 def main(context: Context) -> None:

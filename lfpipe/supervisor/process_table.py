@@ -15,7 +15,6 @@ from lfpipe.plugins import STAGES as PLUGGED
 from lfpipe.plugins import declared
 from lfpipe.render.metrics import METRICS as RENDER_METRICS
 from lfpipe.track.metrics import METRICS as TRACK_METRICS
-from lfpipe.transport.packet_ring import packet_dtype
 from lfpipe.transport.ring import RingSpec
 from lfpipe.transport.ring_io import Stage as Stage
 
@@ -27,7 +26,7 @@ def _feeds(options: SessionOptions) -> bool:
 
 # scores a scene's methods; run by the packer, which must not import the rendering packages
 SCORER = "lfpipe.render.synthesis.scoring:scores"
-FRAMES_BYTES = 16 << 20  # a recorder may lag by the number of slots minus two
+FRAMES_BYTES = 16 << 20
 
 
 STAGES: tuple[Stage, ...] = (
@@ -74,15 +73,6 @@ STAGES: tuple[Stage, ...] = (
         writes=("disparity",),
         optional=True,
     ),
-    # their work can wait, so it must not disturb capture and render
-    Stage(
-        name="record",
-        module="lfpipe.record.stage",
-        needed=lambda options: bool(options.record),
-        reads=("frames", "eyes"),
-        optional=True,
-        own_core=True,
-    ),
     *declared(PLUGGED, Stage).values(),
 )
 
@@ -94,7 +84,6 @@ SOURCE, TRACKED_BY, SHOWN_BY = (
     next(stage.name for stage in STAGES if ring in stage.writes)
     for ring in ("frames", "eyes", "shown")
 )
-RECORDED_BY = "record"
 # work that a lowered quality reduces -> its stage
 DOES = {"pictures": SHOWN_BY, "eyes": TRACKED_BY}
 # the stages that a picture waits for
@@ -138,16 +127,6 @@ def asked_for(options: SessionOptions) -> tuple[str, ...]:
 def picture_ring(height_px: int, width_px: int) -> RingSpec:
     """The ring of output pictures."""
     return RingSpec((height_px, width_px, 3), np.dtype("u1"), slots=3)
-
-
-def packet_ring(frames: RingSpec, jpeg_px: Sequence[int]) -> RingSpec:
-    """The ring of a source's JPEGs, (width, height) jpeg_px, beside its frames. A slot fits any
-    JPEG that is no larger than its decoded picture.
-
-    A packet is kept longer than the frame decoded from it, because that frame is published later.
-    """
-    width_px, height_px = jpeg_px
-    return RingSpec((), packet_dtype(width_px * height_px * 3), slots=frames.slots + 2)
 
 
 def consumers() -> dict[str, list[str]]:

@@ -17,12 +17,11 @@ import attrs
 from lfpipe import config as config_module
 from lfpipe.capture.spec import source_file
 from lfpipe.config import DrawingCosts, SceneSummary, converter
-from lfpipe.config.modes import CameraViewer, Lossless, MouseViewer, is_measurable
+from lfpipe.config.modes import CameraViewer, Lossless, MouseViewer, RecordedEyes, is_measurable
 from lfpipe.errors import UserError
 from lfpipe.plugins import REQUESTS, guarded, load, plugins
 from lfpipe.scene.open_scene import PackerRequest
 from lfpipe.supervisor.process_table import (
-    RECORDED_BY,
     SCORER,
     SHOWN_BY,
     SOURCE,
@@ -200,21 +199,31 @@ def _output(state: SessionState, message: Message, _t_ns: int) -> Reply:
         raise UserError(f"a {what} to {running} is already running", f"end it with `{typed} stop`")
     if not path and not running:
         raise UserError(f"no {what} is running", f"start one with `{typed} start OUT`")
-    if not path:
-        ended: Message = {option: ""}
-        return Reply(answer={"path": running}, state=state.changed(**ended))
-    if command == "trace":
+    if command == "record":
+        return _record(state, path)
+    if path:
         return _trace(state, path)
-    _check_eyes(state)
-    if state.paused:
-        raise UserError(
-            "the session is paused: nothing would be recorded",
-            "resume it: `lfpipe ctl resume`, or p in the window",
-        )
+    return Reply(answer={"path": running}, state=state.changed(timeline=""))
+
+
+def _record(state: SessionState, path: str) -> Reply:
+    """The stage that makes frames, or the eyes of the mouse, records them."""
+    viewer = state.options.viewer
+    if path:
+        _check_eyes(state)
+        if isinstance(viewer, RecordedEyes):
+            raise UserError(f"{viewer.source} is a recording already", "copy its folder")
+        if state.paused:
+            raise UserError(
+                "the session is paused: nothing would be recorded",
+                "resume it: `lfpipe ctl resume`, or p in the window",
+            )
     return Reply(
-        answer={"path": path, "applied": True},
-        state=state.changed(record=path),
-        executed_by=(RECORDED_BY,),
+        executed_by=(SHOWN_BY if isinstance(viewer, MouseViewer) else SOURCE,),
+        sent={"path": path},
+        then=lambda now, _: Reply(
+            answer={"path": path or state.options.record}, state=now.changed(record=path)
+        ),
     )
 
 

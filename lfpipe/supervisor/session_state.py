@@ -38,8 +38,6 @@ from lfpipe.supervisor.process_table import (
     ON_DEMAND,
     asked_for,
     consumers,
-    frame_ring,
-    packet_ring,
     picture_ring,
     rings,
     written,
@@ -149,9 +147,6 @@ class SessionState:
             rings |= written(self.options, live_rings(live))
         if self.options.pictures:
             rings[self.options.pictures] = picture_ring(*self.pictures_px)
-        jpeg_px = self.options.viewer.jpeg_px
-        if self.options.packets and jpeg_px:
-            rings[self.options.packets] = packet_ring(frame_ring(self.config), jpeg_px)
         return rings
 
     # Changes. Each returns a new state with a new revision.
@@ -249,14 +244,9 @@ class SessionState:
         )
 
     def _with_rings(self) -> SessionState:
-        """With the rings that stages request, and that of JPEGs if a JPEG source is recorded."""
-        if (wanted := asked_for(self.options)) != self.options.asked_for:
-            return self._with(asked_for=wanted)._with_rings()
-        options = self.options
-        jpegs = bool(options.viewer.jpeg_px and options.record)
-        if jpegs == bool(options.packets):
-            return self
-        return self._with(packets=new_ring("packets") if jpegs else "")
+        """With the rings that stages request."""
+        wanted = asked_for(self.options)
+        return self if wanted == self.options.asked_for else self._with(asked_for=wanted)
 
 
 class Trial:

@@ -11,17 +11,20 @@ import subprocess
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from lfpipe.record import stage
-from lfpipe.record.stage import Store
-from lfpipe.sequence.folder import SequenceWriter, open_sequence
+from lfpipe import config
+from lfpipe.config.modes import CameraViewer
+from lfpipe.sequence import recorder
+from lfpipe.sequence.folder import open_sequence
 from lfpipe.sequence.packets import encoded
-from lfpipe.transport.ring import Reader, Stamp
+from lfpipe.sequence.recorder import Recordable, Recording
+from lfpipe.transport.ring import Reader
 from lfpipe.transport.session import Session
-from tests.replay.test_record import frames, recorder
+from tests.replay.test_record import capture, frames
 from tests.support.world import LARGE, World, stays, until
 
 SMALL = (
@@ -65,32 +68,26 @@ def stopped(disk: Path) -> Iterator[None]:
         subprocess.run(["fsfreeze", "-u", str(disk)], check=True)
 
 
-def test_a_disk_that_stalls_costs_nothing_and_nobody_is_killed(
+def test_a_disk_that_stalls_delays_no_frame_and_loses_none(
     world: World, scene: Path, disk: Path
 ) -> None:
     process = world.shows(scene, *SMALL)
     out = disk / "rec"
     world.ctl("record", "start", out)
     world.wait_for(lambda: frames(out) > 30, "frames")
+    pid = capture(world)["pid"]
     with stopped(disk):
-        world.wait_for(
-            lambda: str(recorder(world)["busy_with"]).startswith("waiting for the disk"), "words"
-        )
-        waiting = recorder(world)["pid"]
         # longer than a stage may be silent
-        stays(lambda: recorder(world)["pid"] == waiting, 4.0, "the recorder")
+        stays(lambda: capture(world)["pid"] == pid and capture(world)["fps"] > 0, 4.0, "capture")
+        assert capture(world)["metrics"]["unrecorded"] == 0, "they wait in memory"
     stored = frames(out)
-    world.wait_for(
-        lambda: frames(out) > stored + 30 and not recorder(world)["busy_with"], "frames again"
-    )
+    world.wait_for(lambda: frames(out) > stored + 30, "frames again")
     world.ctl("record", "stop")
     world.wait_for(lambda: json.loads((out / "manifest.json").read_text())["complete"], "manifest")
-    world.wait_for(lambda: recorder(world)["state"] == "FINISHED", "end of the recorder")
     stages = world.monitor()["stages"]
-    assert [stage["restarts"] for stage in stages.values()] == [0] * 4
-    assert open_sequence(out).lost <= stages["capture"]["dropped"] + stages["record"]["dropped"], (
-        "every hole is counted"
-    )
+    assert [stage["restarts"] for stage in stages.values()] == [0] * len(stages)
+    lost = stages["capture"]["dropped"] + stages["capture"]["metrics"]["unrecorded"]
+    assert open_sequence(out).lost <= lost, "every hole is counted"
     world.ended(process, signal.SIGINT)
 
 
@@ -119,50 +116,52 @@ def test_the_death_of_the_supervisor_loses_no_frame_that_the_recorder_had(
     ring.close()
 
 
-def stamp(number: int) -> Stamp:
-    return Stamp(number + 1, number, 0, 10**9 + number, 10**9 + number, 10**9 + number, 0)
+def frame(number: int, level: int = 1) -> Recordable:
+    t_ns = 10**9 + number * 10**7
+    picture = np.full(SHAPE, level, np.uint8)
+    return Recordable(source_seq=number, epoch=0, t_sensor_ns=t_ns, t_read_ns=t_ns, data=picture)
 
 
-def made(folder: Path) -> tuple[SequenceWriter, Store]:
-    writer = SequenceWriter(folder, "demo", SHAPE[1::-1], 30.0)
-    return writer, Store(writer, 3 * SHAPE[0] * SHAPE[1], lossless=True)
+@pytest.fixture
+def made(tmp_path: Path) -> Recording:
+    context = SimpleNamespace(
+        config=config.load(None, ["record.format=lossless"]),
+        options=SimpleNamespace(viewer=CameraViewer(source="demo", rate_hz=30.0)),
+    )
+    return Recording(context, tmp_path / "rec", SHAPE[1::-1])  # type: ignore[arg-type]
 
 
 def test_any_error_in_the_thread_ends_the_recording_with_a_message(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    made: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fails(*_: object, **__: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr(stage, "encoded", lambda frame, codec: b"" if frame.any() else fails())
-    writer, store = made(tmp_path)
-    for number, picture in enumerate(
-        (np.ones(SHAPE, np.uint8), np.zeros(SHAPE, np.uint8), np.ones(SHAPE, np.uint8))
-    ):
-        store.put(stage.Frame(stamp(number), "", picture))
-    store.close()
-    assert (
-        store.failure == "MemoryError"
-        and writer.count == len(list(store.results())) == 1
-        and not store.full
-    )
+    monkeypatch.setattr(recorder, "encoded", lambda frame, codec: b"" if frame.any() else fails())
+    for number, level in enumerate((1, 0, 1)):
+        made.add(frame(number, level))
+    made.end()
+    made.join()
+    assert made.failure == "MemoryError" and made.writer.count == 1 and not made.full
+    assert not made.add(frame(9)) and made.missed == 1
 
 
-def test_a_full_store_empties_itself_and_keeps_the_order(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_frames_without_space_are_missed_and_the_others_keep_their_order(
+    made: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(stage, "BUFFER_BYTES", 0)  # as few frames as there may be
     gate = threading.Event()
     monkeypatch.setattr(
-        stage, "encoded", lambda frame, codec: gate.wait() and encoded(frame, codec)
+        recorder, "encoded", lambda frame, codec: gate.wait() and encoded(frame, codec)
     )
-    _, store = made(tmp_path)
+    made._max_frames = recorder.MIN_FRAMES
     count = 0
-    while not store.full:
-        store.put(stage.Frame(stamp(count), "", np.zeros(SHAPE, np.uint8)))
+    while made.add(frame(count)):
         count += 1
+    assert made.full and recorder.MIN_FRAMES <= count <= recorder.MIN_FRAMES + 1
+    assert not made.add(frame(count - 1)), "a repeated stamp could not be replayed"
     gate.set()
-    store.close()
-    assert [done.source_seq for done, *_ in store.results()] == list(
-        range(count)
-    ) and not store.full
+    made.end()
+    made.join()
+    sequence = open_sequence(made.folder)
+    assert [packet.source_seq for packet in sequence.packets] == list(range(count))
+    assert sequence.complete and made.missed == 2

@@ -357,7 +357,7 @@ def test_governor_bounds_of_lag_and_headroom(load: Load, lags: bool, room: bool)
 
 
 def test_cores_give_tracking_one_of_two() -> None:
-    own = {"capture": (4,), "track": (6,), "render": (4,), "record": (6,)}
+    own = {"capture": (4,), "track": (6,), "render": (4,)}
     assert (
         process_table.cores([4, 6]).items() >= own.items()
         and process_table.cores([0]) == process_table.cores(range(8)) == {}

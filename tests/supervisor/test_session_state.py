@@ -49,13 +49,10 @@ def test_session_state_rings_levels_and_revisions_agree(steps: list[str]) -> Non
             "stages hear of every change, once"
         )
         rings = state.rings()
-        assert rings.keys() == {
-            name for name in (state.options.pictures, state.options.packets) if name
-        }
+        assert rings.keys() == {name for name in (state.options.pictures,) if name}
         for name in rings.keys() - before.rings().keys():
             assert name not in names, "a reader of an old ring never maps a new one under its name"
             names.add(name)
-        assert bool(state.options.packets) == bool(state.options.record)
         assert state.level in state.levels
         assert (
             converter().structure(converter().unstructure(state.options), SessionOptions)
@@ -156,9 +153,8 @@ def test_session_state_begins_and_lends_pictures() -> None:
     state = made_state()
     assert (state.paused, state.rev, state.pictures_until_ns) == (False, 1, 0)
     assert state.pictures_px == (0, 0) and not state.rings() and not state.zero_planes_px
-    lent = state.with_pictures(10).changed(record="/out")
+    lent = state.with_pictures(10)
     assert lent.options.pictures.startswith("pictures.")
-    assert lent.options.packets.startswith("packets.")
     assert (lent.pictures_until_ns, lent.pictures_px) == (10, (SCENE.height_px, SCENE.width_px))
     assert lent.without_pictures().pictures_until_ns == 0
     assert state.changed(paused=True).changed(LOWER).paused

@@ -16,6 +16,8 @@ from lfpipe.eyes import Eyes, EyesRecord, low_pass_gain
 from lfpipe.render.display.overlay import Pointer
 from lfpipe.render.viewer.geometry import SEAT_MM
 from lfpipe.render.viewer.viewer import Viewer
+from lfpipe.sequence.eyes import eyes_line
+from lfpipe.sequence.recorder import Recordable, Recorder
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.ring import Stamp
 from lfpipe.transport.ring_io import RingOutput
@@ -48,6 +50,8 @@ class MouseLook:
         self._count = 0
         self.ring = ring
         """Which it writes; None while it writes none."""
+        self.recorder: Recorder | None = None
+        """Records the eyes of a viewer that is the mouse."""
         self._alone = ring is not None
 
     def exchange(self, alone: bool) -> None:
@@ -140,11 +144,27 @@ class MouseLook:
             self._count += 1
             stamp = Stamp(self._count, self._count, 0, t_ns, t_ns, t_ns, 0)
         if self.ring is not None:
-            mouse_eyes.write(self.ring.begin())
+            written = self.ring.begin()
+            mouse_eyes.write(written)
             self.ring.publish(self._count, t_ns, t_ns, 0, 0)
+            if self.recorder is not None and self.recorder.active:
+                self._record(self.recorder, written, t_ns)
         if not self._alone and not self._pointer.right and t_ns - self._released_ns > BACK_NS:
             self._eased_px = None  # the camera's eyes again
         return mouse_eyes, stamp
+
+    def _record(self, recorder: Recorder, record: NDArray[np.void], t_ns: int) -> None:
+        line = eyes_line(record, source_seq=self._count)
+        recorder.add(
+            Recordable(
+                source_seq=self._count,
+                epoch=0,
+                t_sensor_ns=t_ns,
+                t_read_ns=t_ns,
+                codec="eyes",
+                data=line,
+            )
+        )
 
 
 def _eye_distance(middle_px: NDArray[np.float64], eye_distance_px: float) -> Eyes:
