@@ -1,5 +1,5 @@
-"""Picture files: headers by Pillow, pixels by OpenCV, which keeps 16 bits (AVIF, HEIC, animations
-and transparency by Pillow). What a file says decides, not its ending.
+"""Picture files, decoded by Pillow; 16 bits by OpenCV, because Pillow keeps eight. What a file says
+decides, not its ending.
 """
 
 import contextlib
@@ -7,7 +7,7 @@ import io
 import os
 import re
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import IO, Any, Literal
@@ -19,23 +19,21 @@ from numpy.typing import NDArray
 from PIL import Image, ImageFile, TiffImagePlugin
 
 from lfpipe.errors import UserError
-from lfpipe.files.picture_structure import MAX_PICTURES, BeyondLimitError, Structure, examine
-from lfpipe.files.safe_files import open_file
+from lfpipe.files.safe_files import open_file, open_regular
 from lfpipe.host.files import proc_fd_path
 
 # 8192x8192 px of 8-bit colour, 7574x5264 px (lenslets of a Lytro Illum) of 16-bit colour
 MAX_DECODING_BYTES = 240_000_000
 _MAX_TURNED_BYTES = 2 * MAX_DECODING_BYTES  # which no TIFF of one picture exceeds
-FORMATS = ("PNG", "JPEG", "PPM", "BMP", "TIFF", "WEBP", "AVIF", "GIF", "HEIF")
+MAX_PICTURES = 4096  # in one file: 64x64 views
+FORMATS = ("JPEG", "PNG", "PPM", "BMP", "TIFF", "WEBP", "AVIF", "GIF", "HEIF")
 _HEIC = re.compile(rb"....ftyp(hei|hev|mif1|msf1)", re.DOTALL)
+_PICTURE = re.compile(rb"\xff\xd8\xff|\x89PNG\r\n|GIF8|RIFF....WEBP|....ftypavi[fs]", re.DOTALL)
 _GREY = ("1", "L", "I", "I;16", "I;16B", "I;16L")  # Pillow's modes of one sample per pixel
 _ORIENTATION = 0x0112  # EXIF's tag
 _MP_ENTRIES, _MP_NUMBER = 0xB002, 0xB101  # tags of a JPEG's index (CIPA DC-007)
 _JPS = b"_JPSJPS_"  # begins the segment that describes a stereo JPEG
-# Bytes that a decoder needs for a byte of the picture: OpenCV a second copy; Pillow its planes, 4
-# bytes per pixel, and a copy (measured with AVIF: 3.9).
-_COPIES, _PILLOW_COPIES = 2, 4
-_BY_PILLOW = ("AVIF", "GIF", "HEIF")
+_STRIP_ROWS = 256  # of a picture, which are converted at a time: a second copy is spared
 _OTHERS = {  # beginnings of other kinds of files, under the names of pictures
     b"\xff\x0a": "JPEG XL",
     b"\0\0\0\x0cJXL ": "JPEG XL",
@@ -100,34 +98,19 @@ class Header:
         return (bool(self.eyes) and self.eyes_sure) or (self.jps or 0) & 0xFF == 1
 
     @property
-    def stored_shape(self) -> tuple[int, ...]:
-        """Height and width of the decoded array; a quarter turn swaps them."""
-        size = (
-            (self.width_px, self.height_px)
-            if self.orientation >= 5
-            else (self.height_px, self.width_px)
-        )
-        return size if self.grey else (*size, 3)
-
-    @property
     def decoded_bytes(self) -> int:
         """Size of the decoded picture, with one or three samples per pixel."""
-        return (
-            self.width_px
-            * self.height_px
-            * (1 if self.grey else 3)
-            * (2 if self.max_value > 255 else 1)
-        )
+        samples = self.width_px * self.height_px * (1 if self.grey else 3)
+        return samples * (2 if self.max_value > 255 else 1)
 
 
 def header_of(data: bytes | memoryview) -> Header | None:
-    """The header of a picture in memory, whole or not; None if its format is not supported, or if
-    it has more parts than are read.
-    """
-    file = io.BytesIO(data)
-    with contextlib.suppress(BeyondLimitError):
-        return _header(file, examine(file))
-    return None
+    """The header of a picture in memory, whole or not; None if it is not supported."""
+    try:
+        with Image.open(io.BytesIO(data), formats=FORMATS) as image:
+            return _header(image)
+    except Exception:  # Pillow's parsers raise many kinds for damage
+        return None
 
 
 @lru_cache(maxsize=1)
@@ -185,75 +168,43 @@ def _individual_number(index: bytes) -> int | None:
     return None
 
 
-def _beside(kind: str, frames: int, shown: int, after: bytes, after_bytes: int) -> str:
-    """What else a file holds than the frames that are shown, for people; "" for nothing."""
-    if frames > shown:
-        what = {"JPEG": "picture", "HEIF": "picture", "TIFF": "page"}.get(kind, "frame")
-        return f"{frames - shown} more {what}{'s' * (frames - shown > 1)}"
-    if shown > 1 or not after.strip(b"\0"):  # padding
-        return ""
-    what = "other data"
-    if after.startswith(b"\xff\xd8\xff"):
-        what = "another picture"
-    elif b"ftyp" in after or b"mpv" in after:
-        what = "a video"
-    return f"{what} behind the picture ({after_bytes / 1e6:.1f} MB)"
-
-
-def _header(file: IO[bytes], structure: Structure) -> Header | None:
-    file.seek(0)
-    if _HEIC.match(file.read(12)):
-        _add_heic()
-    file.seek(0)
-    try:
-        with Image.open(file, formats=FORMATS) as image:
-            kind = "JPEG" if image.format == "MPO" else str(image.format)
-            if image.mode == "F" or min(image.size) < 1:
-                return None
-            turn = 1
-            width, height = image.size
-            if isinstance(image, TiffImagePlugin.TiffImageFile):
-                turn = int(image.tag_v2.get(_ORIENTATION, 1))
-                width, height = (int(image.tag_v2[tag]) for tag in (256, 257))
-            else:
-                with contextlib.suppress(Exception):  # damaged: the picture is shown as stored
-                    exif = Image.Exif()  # `image.getexif` would decode a PNG
-                    exif.load(image.info.get("exif", b""))
-                    turn = int(exif.get(_ORIENTATION, 1))
-            full = _full_value(image)
-            segments = getattr(image, "applist", ())
-            jps = next((data for _, data in segments if data.startswith(_JPS)), b"")
-            counted = kind in ("TIFF", "GIF")  # which Pillow would count slowly
-            frames = structure.pictures if counted else getattr(image, "n_frames", 1)
-            alpha = image.mode.endswith(("A", "a")) or "transparency" in image.info
-            eyes, sure = _eyes(image), True
-            if image.format == "MPO":
-                eyes, sure = _indexed_views(image)
-            after = b""
-            after_bytes = 0
-            if structure.end is not None:
-                after_bytes = file.seek(0, os.SEEK_END) - structure.end
-                file.seek(structure.end)
-                after = file.read(64)
-            return Header(
-                format=kind,
-                width_px=height if 5 <= turn <= 8 else width,
-                height_px=width if 5 <= turn <= 8 else height,
-                grey=image.mode in _GREY and not alpha,
-                max_value=full,
-                orientation=turn if 1 <= turn <= 8 else 1,
-                frames=frames,
-                eyes=eyes,
-                eyes_sure=sure,
-                jps=int.from_bytes(jps[10:14]) if len(jps) >= 14 else None,
-                alpha=alpha,
-                has_depth=bool(image.info.get("depth_images")),
-                beside=_beside(kind, frames, max(1, len(eyes) * sure), after, after_bytes),
-            )
-    except MemoryError:
-        raise
-    except Exception:  # Pillow's parsers raise many kinds for damage
-        return None
+def _header(image: ImageFile.ImageFile) -> Header:
+    """Raises exceptions of many kinds for damage."""
+    kind = "JPEG" if image.format == "MPO" else str(image.format)
+    if image.mode == "F" or min(image.size) < 1:
+        raise ValueError("no samples that can be shown")
+    turn = 1
+    width, height = image.size
+    if isinstance(image, TiffImagePlugin.TiffImageFile):
+        turn = int(image.tag_v2.get(_ORIENTATION, 1))
+        width, height = (int(image.tag_v2[tag]) for tag in (256, 257))  # as stored
+    else:
+        with contextlib.suppress(Exception):  # damaged: the picture is shown as stored
+            exif = Image.Exif()  # `image.getexif` would decode a PNG
+            exif.load(image.info.get("exif", b""))
+            turn = int(exif.get(_ORIENTATION, 1))
+    segments = getattr(image, "applist", ())
+    jps = next((data for _, data in segments if data.startswith(_JPS)), b"")
+    alpha = image.mode.endswith(("A", "a")) or "transparency" in image.info
+    eyes, sure = _indexed_views(image) if image.format == "MPO" else (_eyes(image), True)
+    frames = getattr(image, "n_frames", 1)
+    more = frames - max(1, len(eyes) * sure)
+    word = {"JPEG": "picture", "HEIF": "picture", "TIFF": "page"}.get(kind, "frame")
+    return Header(
+        format=kind,
+        width_px=height if 5 <= turn <= 8 else width,
+        height_px=width if 5 <= turn <= 8 else height,
+        grey=image.mode in _GREY and not alpha,
+        max_value=_full_value(image),
+        orientation=turn if 1 <= turn <= 8 else 1,
+        frames=frames,
+        eyes=eyes,
+        eyes_sure=sure,
+        jps=int.from_bytes(jps[10:14]) if len(jps) >= 14 else None,
+        alpha=alpha,
+        has_depth=bool(image.info.get("depth_images")),
+        beside=f"{more} more {word}{'s' * (more > 1)}" if more > 0 else "",
+    )
 
 
 def _full_value(image: ImageFile.ImageFile) -> int:
@@ -270,21 +221,6 @@ def _unreadable(path: Path, why: str) -> UserError:
     )
 
 
-def _failed(path: Path, header: Header, why: str) -> UserError:
-    """The error of a decoder, which does not tell whether it had too little memory."""
-    copies = _PILLOW_COPIES if header.format in _BY_PILLOW else _COPIES
-    needed_bytes = copies * header.decoded_bytes
-    try:
-        np.empty(needed_bytes, np.uint8)
-    except MemoryError:
-        return UserError(
-            f"{path}: decoding {header.size} of {header.format} needs more memory than is left here"
-            f" ({needed_bytes / 1e6:.0f} MB)",
-            "make it smaller",
-        )
-    return _unreadable(path, why)
-
-
 def _kind_of(start: bytes) -> str:
     """What a file that is no supported picture is, by its first bytes."""
     if _HEIC.match(start) and not _add_heic():
@@ -295,22 +231,43 @@ def _kind_of(start: bytes) -> str:
     return next(names, "")
 
 
-def _checked(path: Path, file: IO[bytes]) -> tuple[Header, Structure]:
-    try:
-        structure = examine(file)
-        header = _header(file, structure)
-        if header is not None and header.frames > MAX_PICTURES:
-            raise BeyondLimitError(f"{header.frames} frames; at most {MAX_PICTURES} are read")
-    except BeyondLimitError as error:
-        raise UserError(f"{path}: {error}", "export it again as PNG or JPEG") from None
-    except MemoryError:
-        raise UserError(
-            f"{path}: its header needs more memory than is left here", "export it again as PNG"
-        ) from None
-    if header is None:
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[tuple[IO[bytes], ImageFile.ImageFile, Header]]:
+    """A picture's file, image and header, which is small enough to decode; turns exceptions of
+    decoders into UserError.
+    """
+    with open_file(path) as file:
+        start = file.read(32)
+        if _HEIC.match(start):
+            _add_heic()
         file.seek(0)
-        kind = _kind_of(file.read(32))
-        raise _unreadable(path, f"it is {kind}" if kind else "truncated, damaged or another format")
+        what = "its header"
+        try:
+            with Image.open(file, formats=FORMATS) as image:
+                header = _header(image)
+                _check(path, header)
+                what = f"decoding {header.size} of {header.format}"
+                yield file, image, header
+        except UserError:
+            raise
+        except MemoryError:
+            raise UserError(
+                f"{path}: {what} needs more memory than is left here", "make it smaller"
+            ) from None
+        except Exception:  # Pillow's parsers raise many kinds for damage
+            other = _kind_of(start)
+            raise _unreadable(
+                path, f"it is {other}" if other else "truncated, damaged or another format"
+            ) from None
+
+
+def _check(path: Path, header: Header) -> None:
+    """Raises UserError if a picture is too large to decode, or several."""
+    if header.frames > MAX_PICTURES:
+        raise UserError(
+            f"{path}: {header.frames} frames; at most {MAX_PICTURES} are read",
+            "export it again as PNG or JPEG",
+        )
     if header.decoded_bytes > MAX_DECODING_BYTES:
         raise UserError(
             f"{path}: too large: {header.size}, {header.decoded_bytes / 1e6:.0f} MB; at most"
@@ -322,16 +279,10 @@ def _checked(path: Path, file: IO[bytes]) -> tuple[Header, Structure]:
             f"{path}: a collection of {header.frames} pictures",
             f"export the one to show, or convert all: `heif-convert {path.name} {path.stem}.jpg`",
         )
-    if not structure.whole:
-        raise _unreadable(path, f"truncated: a {header.format} file without its end")
-    return header, structure
 
 
 def open_header(path: Path) -> Header:
-    """The header of a picture.
-
-    Raises UserError if it is no picture, too large to decode or certainly truncated.
-    """
+    """The header of a picture. Raises UserError if it is no picture, or too large to decode."""
     with open_file(path) as file:
         about = os.fstat(file.fileno())
     return _known_header(path, about.st_ino, about.st_size, about.st_mtime_ns)
@@ -339,98 +290,76 @@ def open_header(path: Path) -> Header:
 
 @lru_cache(maxsize=1 << 14)  # of one scene: layouts ask several times
 def _known_header(path: Path, *_stamp: int) -> Header:
-    with open_file(path) as file:
-        return _checked(path, file)[0]
+    with _opened(path) as (_, _, header):
+        return header
 
 
-def _frames(
-    path: Path, file: IO[bytes], header: Header, numbers: Iterable[int]
-) -> list[NDArray[np.uint8]]:
-    """Frames by Pillow, as stored; over grey where they are transparent. Raises UserError."""
-    mode = "RGBA" if header.alpha else {True: "L", False: "RGB"}[header.grey]
-    frames: list[NDArray[np.uint8]] = []
-    try:
-        file.seek(0)
-        with Image.open(file, formats=FORMATS) as image:
-            for number in numbers:
-                image.seek(number)
-                image.load()
-                same = image.mode == mode
-                frames.append(_opaque(np.array(image if same else image.convert(mode)), 255))
-    except Exception:
-        raise _failed(
-            path, header, f"damaged after {len(frames)} of {header.frames} frames"
-        ) from None
-    return frames
+def _pixels(image: ImageFile.ImageFile, header: Header) -> NDArray[np.uint8]:
+    """The values of the frame on show, upright; over grey where they are transparent."""
+    image.load()
+    mode = "RGBA" if header.alpha else "L" if header.grey else "RGB"
+    size = image.height, image.width
+    out = np.empty(size if header.grey else (*size, 3), np.uint8)
+    for top in range(0, image.height, _STRIP_ROWS):
+        bottom = min(top + _STRIP_ROWS, image.height)
+        strip = image.crop((0, top, image.width, bottom)).convert(mode)
+        out[top:bottom] = _opaque(np.asarray(strip), 255)
+    # Pillow has turned a TIFF
+    return out if header.format == "TIFF" else upright(out, header.orientation)
 
 
 def _opaque(pixels: NDArray[Any], full: int) -> NDArray[Any]:
-    """Pixels with an alpha plane, shown over grey, a strip at a time; others as they are."""
+    """Pixels with an alpha plane, shown over grey; others as they are."""
     if pixels.ndim == 2 or pixels.shape[2] != 4:
         return pixels
-    out = np.empty((*pixels.shape[:2], 3), pixels.dtype)
-    for top in range(0, len(pixels), 64):
-        strip = pixels[top : top + 64].astype(np.uint32)
-        alpha = strip[..., 3:]
-        out[top : top + 64] = (
-            strip[..., :3] * alpha + (full + 1) // 2 * (full - alpha) + full // 2
-        ) // full
-    return out
+    colours, alpha = pixels[..., :3].astype(np.uint32), pixels[..., 3:].astype(np.uint32)
+    over = (colours * alpha + (full + 1) // 2 * (full - alpha) + full // 2) // full
+    return over.astype(pixels.dtype)
 
 
-def _as_stored(file: IO[bytes], header: Header, structure: Structure) -> IO[bytes]:
-    """The file; of a turned TIFF a copy that says it is upright: decoders differ in which turns
-    they apply, and refuse some.
-    """
-    if header.format != "TIFF" or header.orientation == 1 or structure.orientation_at is None:
-        return file
+def _deep_pixels(file: IO[bytes], header: Header) -> NDArray[np.uint16]:
+    """As `_pixels`, of two bytes each. Raises ValueError for damage."""
+    np.empty(2 * header.decoded_bytes, np.uint8)  # OpenCV does not tell that memory is short
+    flags = cv2.IMREAD_GRAYSCALE if header.grey else cv2.IMREAD_COLOR
+    flags |= cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+    flags = cv2.IMREAD_UNCHANGED if header.alpha else flags
+    if header.format == "TIFF" and header.orientation > 1:
+        read = cv2.imdecode(np.frombuffer(_as_stored(file, header.orientation), np.uint8), flags)
+    else:
+        read = cv2.imread(proc_fd_path(file), flags)
+    turned = header.orientation >= 5
+    size = header.height_px, header.width_px
+    if read is None or read.shape[:2] != size[:: -1 if turned else 1] or read.dtype != np.uint16:
+        raise ValueError("damaged, or not what its header claims")
+    strips = np.array_split(np.asarray(read), -(-len(read) // _STRIP_ROWS))
+    pixels = np.concatenate([_opaque(strip, 65535) for strip in strips]) if header.alpha else read
+    if not header.grey:  # OpenCV's IMREAD_COLOR_RGB does not convert 16-bit TIFF files
+        cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB, dst=pixels)
+    return upright(pixels, header.orientation)
+
+
+def _as_stored(file: IO[bytes], turn: int) -> bytes:
+    """A TIFF that says it is upright: OpenCV applies some turns and refuses others."""
     file.seek(0)
-    copy = io.BytesIO(file.read(_MAX_TURNED_BYTES))
-    order: Literal["little", "big"] = "little" if copy.read(2) == b"II" else "big"
-    copy.seek(structure.orientation_at)
-    copy.write((1).to_bytes(2, order))
-    return copy
-
-
-def _imread(path: Path, file: IO[bytes], header: Header, flags: int) -> NDArray[Any]:
-    """The pixels as stored, by OpenCV. Raises UserError."""
-    flags |= cv2.IMREAD_IGNORE_ORIENTATION if flags != cv2.IMREAD_UNCHANGED else 0
-    with contextlib.suppress(cv2.error, MemoryError):
-        if isinstance(file, io.BytesIO):
-            pixels = cv2.imdecode(np.frombuffer(file.getbuffer(), np.uint8), flags)
-        else:
-            pixels = cv2.imread(proc_fd_path(file), flags)
-        if pixels is not None:
-            return np.asarray(pixels)
-    raise _failed(path, header, "truncated, damaged or not what its header claims")
+    data = file.read(_MAX_TURNED_BYTES)
+    order: Literal["little", "big"] = "little" if data.startswith(b"II") else "big"
+    tag = b"".join(number.to_bytes(2, order) for number in (_ORIENTATION, 3))  # 3: two bytes each
+    tag += (1).to_bytes(4, order)
+    return data.replace(tag + turn.to_bytes(2, order), tag + (1).to_bytes(2, order), 1)
 
 
 def read_picture(path: Path) -> tuple[NDArray[Any], int]:
     """A picture's own values, upright, and the full value: ((h, w) or (h, w, 3) RGB, uint8 or
     uint16, max_value).
 
-    Keeps the file's bit depth (a 10-bit PPM holds 0..1023; OpenCV's default would shift it to
-    0..3). Transparent parts are shown over grey; of an animation, the first frame. Raises UserError
-    if the file is truncated, no picture or too large.
+    Keeps the file's bit depth (a 10-bit PPM holds 0..1023). Transparent parts are shown over grey;
+    of an animation, the first frame. Raises UserError if the file is truncated, no picture or too
+    large.
     """
-    with open_file(path) as given:
-        header, structure = _checked(path, given)
-        file = _as_stored(given, header, structure)
+    with _opened(path) as (file, image, header):
         deep = header.max_value > 255
-        if header.format in _BY_PILLOW or (header.alpha and not deep):
-            pixels: NDArray[Any] = _frames(path, file, header, [0])[0]
-        else:
-            colours = cv2.IMREAD_GRAYSCALE if header.grey else cv2.IMREAD_COLOR
-            flags = colours | (cv2.IMREAD_ANYDEPTH if deep else 0)
-            flags = cv2.IMREAD_UNCHANGED if header.alpha else flags
-            pixels = _opaque(_imread(path, file, header, flags), header.max_value)
-            if pixels.shape != header.stored_shape or pixels.dtype != (
-                np.uint16 if deep else np.uint8
-            ):
-                raise _unreadable(path, "damaged or not what its header claims")
-            if not header.grey:  # OpenCV's IMREAD_COLOR_RGB does not convert 16-bit TIFF files
-                cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB, dst=pixels)
-    return upright(pixels, header.orientation), header.max_value
+        return _deep_pixels(file, header) if deep else _pixels(image, header), header.max_value
+    raise AssertionError
 
 
 def read_frames(
@@ -439,8 +368,8 @@ def read_frames(
     """Frames of an animation or pictures of one file (GIF, WebP, MPO), or all of them, uint8
     (h, w, 3) RGB, upright. Raises UserError.
     """
-    with open_file(path) as file:
-        header, _ = _checked(path, file)
+    frames: list[NDArray[np.uint8]] = []
+    with _opened(path) as (_, image, header):
         header = attrs.evolve(header, grey=False)
         numbers = range(header.frames) if numbers is None else numbers
         if len(numbers) * header.decoded_bytes > most_bytes:
@@ -448,9 +377,10 @@ def read_frames(
                 f"{path}: {len(numbers)} frames of {header.size} are too many to decode at once",
                 "give its frames as pictures in a folder",
             )
-        return [
-            upright(frame, header.orientation) for frame in _frames(path, file, header, numbers)
-        ]
+        for number in numbers:
+            image.seek(number)
+            frames.append(_pixels(image, header))
+    return frames
 
 
 def heic_depth(path: Path) -> NDArray[np.float32]:
@@ -458,39 +388,38 @@ def heic_depth(path: Path) -> NDArray[np.float32]:
 
     Raises UserError.
     """
-    with open_file(path) as file:
-        _checked(path, file)
-        try:
-            file.seek(0)
-            with Image.open(file, formats=FORMATS) as image:
-                depth = image.info["depth_images"][0]
-                values = np.asarray(depth.to_pillow(), np.float32)
-                is_distance = (depth.info["metadata"] or {}).get("representation_type") == 2
-        except Exception:
-            raise _unreadable(path, "its depth image is damaged") from None
-    share = values / np.float32(65535 if values.max() > 255 else 255)
-    return np.asarray(1 - share if is_distance else share, np.float32)
+    with _opened(path) as (_, image, _):
+        depth = image.info["depth_images"][0]
+        values = np.asarray(depth.to_pillow(), np.float32)
+        is_distance = (depth.info["metadata"] or {}).get("representation_type") == 2
+        share = values / np.float32(65535 if values.max() > 255 else 255)
+        return np.asarray(1 - share if is_distance else share, np.float32)
+    raise AssertionError
 
 
 def small_grey(path: Path, most_px: float) -> NDArray[np.uint8]:
     """A picture in grey, uint8 (h, w); a JPEG much larger than most_px is decoded at 1/2, 1/4 or
     1/8 of its size, but not far below most_px. Raises UserError.
     """
-    with open_file(path) as file:
-        header, _ = _checked(path, file)
+    with _opened(path) as (_, image, header):
         pixels = header.width_px * header.height_px
-        reduced = [
-            k for k in (2, 4, 8) if header.format == "JPEG" and pixels >= 0.75 * most_px * k * k
-        ]
-        if reduced:
-            flags = getattr(cv2, f"IMREAD_REDUCED_GRAYSCALE_{reduced[-1]}")
-            small = _imread(path, file, header, flags)
-            return np.asarray(upright(small, header.orientation), np.uint8)
+        reduced = [k for k in (2, 4, 8) if pixels >= 0.75 * most_px * k * k]
+        if header.format == "JPEG" and reduced:
+            image.draft("L", (image.width // reduced[-1], image.height // reduced[-1]))
+            return _pixels(image, attrs.evolve(header, grey=True))
     picture, full = read_picture(path)
     grey = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
     return np.asarray(
         grey if full == 255 else cv2.convertScaleAbs(grey, alpha=255 / full), np.uint8
     )
+
+
+def begins_as_picture(path: Path) -> bool:
+    """Whether a file begins like a picture whose format no other kind of file shares (raw pictures
+    of cameras begin like TIFF)."""
+    with contextlib.suppress(OSError), open_regular(path) as file:
+        return bool(_PICTURE.match(file.read(12)))
+    return False
 
 
 def upright(picture: NDArray[Any], orientation: int) -> NDArray[Any]:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError, quoted
-from lfpipe.files.picture_structure import begins_as_picture
+from lfpipe.files.pictures import begins_as_picture
 from lfpipe.files.safe_files import check_links, open_file, reason
 from lfpipe.files.untrusted import finite
 from lfpipe.host.files import proc_fd_path

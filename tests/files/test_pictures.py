@@ -1,5 +1,6 @@
 """Pictures on disk: the header agrees with what is decoded, or the file is refused."""
 
+import io
 import itertools
 import random
 import struct
@@ -157,7 +158,6 @@ SMALL = encoded(".jpg", [], np.zeros((8, 8, 3), np.uint8))
 CLAIMS = {
     "png": png_of(20_000, 20_000, b"\0" * 400),
     "png, 16 bit": png_of(8192, 8192, b"\0" * 400, depth=16),
-    "png without an end": png_of(8, 8)[:-12],
     "jpeg": jpeg_claiming(SMALL, 20_000, 20_000),
     "jpeg without an end": encoded(".jpg", [], picture(64, 64, 3))[:-500],
     "bmp": b"BM"
@@ -178,3 +178,68 @@ def test_a_claim_beyond_memory_is_refused_undecoded(
         read_picture(tmp_path / "p.png")
     (tmp_path / "q.jpg").write_bytes(jpeg_claiming(SMALL, 8192, 8192))  # a quilt, which is allowed
     assert open_header(tmp_path / "q.jpg").decoded_bytes == 8192 * 8192 * 3
+
+
+NOISE = picture(64, 48, 3)
+
+
+def by_pillow(kind: str, **options: object) -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(NOISE).save(file, kind, **options)
+    return file.getvalue()
+
+
+def with_thumbnail(kind: str) -> bytes:
+    """A picture whose metadata holds a whole JPEG."""
+    return by_pillow(kind, exif=b"Exif\0\0II*\0\x08\0\0\0\0\0\0\0\0\0" + by_pillow("JPEG"))
+
+
+WHOLE = {
+    "JPEG": by_pillow("JPEG"),
+    "JPEG, progressive": by_pillow("JPEG", progressive=True),
+    "PNG": by_pillow("PNG"),
+    "PNG of 16 bits": cv2.imencode(".png", picture(64, 48, 3, deep=True))[1].tobytes(),
+    "BMP": by_pillow("BMP"),
+    "PPM": by_pillow("PPM"),
+    "PPM of 16 bits with a comment": b"P5 # made\n64 48 65535\n" + NOISE.tobytes()[: 64 * 48 * 2],
+    "TIFF": by_pillow("TIFF"),
+    "TIFF, compressed": by_pillow("TIFF", compression="tiff_lzw"),
+    "TIFF, by OpenCV": cv2.imencode(".tiff", NOISE)[1].tobytes(),
+    "WebP": by_pillow("WEBP"),
+    "WebP with a thumbnail": with_thumbnail("WEBP"),
+    "AVIF": by_pillow("AVIF"),
+    "AVIF with a thumbnail": with_thumbnail("AVIF"),
+}
+BEHIND = {
+    "nothing": b"",
+    "a JPEG": by_pillow("JPEG"),
+    "a video": b"\0\0\0\x18ftypmp42" + NOISE.tobytes(),
+}
+
+
+@pytest.mark.parametrize("kind", WHOLE)
+def test_a_cut_picture_is_refused_and_a_whole_one_opens_whatever_follows(
+    tmp_path: Path, kind: str
+) -> None:
+    path = tmp_path / "x.png"
+    path.write_bytes(WHOLE[kind])
+    alone, _ = read_picture(path)
+    for behind in BEHIND.values():
+        path.write_bytes(WHOLE[kind] + behind)
+        np.testing.assert_array_equal(read_picture(path)[0], alone)
+    for left in (0.2, 0.5, 0.9, 0.99):
+        path.write_bytes(WHOLE[kind][: int(left * len(WHOLE[kind]))])
+        with pytest.raises(UserError, match=r"x\.png"):
+            read_picture(path)
+
+
+def test_a_decoder_without_memory_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "x.png"
+    path.write_bytes(png_of(64, 64))
+
+    def too_little(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr("lfpipe.files.pictures.np.empty", too_little)
+    with pytest.raises(UserError, match=r"x\.png: decoding 64x64 px of PNG needs more memory"):
+        read_picture(path)
