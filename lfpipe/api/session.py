@@ -12,6 +12,7 @@ import warnings
 import weakref
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Self
 
 import attrs
@@ -23,7 +24,6 @@ from lfpipe.api.scenes import ScenePath, scene_path
 from lfpipe.api.tracker import Eyes
 from lfpipe.config import Config, Snapshot, converter, updated
 from lfpipe.errors import ERROR_FILE, UserError
-from lfpipe.files.safe_files import temporary_folder
 from lfpipe.host import signals
 from lfpipe.host.child import NULL, Child, python
 from lfpipe.host.files import exists
@@ -324,7 +324,7 @@ class Session(Attachment):
             trace=trace,
         )
         self._cleanup = contextlib.ExitStack()
-        folder = self._cleanup.enter_context(temporary_folder("session"))
+        folder = Path(self._cleanup.enter_context(TemporaryDirectory(prefix="lfpipe-session-")))
         self._error_file = folder / "error.json"
         self._error = UserError("the session ended at once", CHECK)  # if it leaves none
         self._closed = True  # nothing is open yet
@@ -461,9 +461,9 @@ def replay(
         For an argument of another type.
     """
     path = scene_path(scene, updated(Config(), settings or {}).scene)
-    with temporary_folder("replay") as folder:
-        error_file = folder / "error.json"
-        kept = Path(out) if out is not None else folder
+    with TemporaryDirectory(prefix="lfpipe-replay-") as folder:
+        error_file = Path(folder, "error.json")
+        kept = Path(folder, "out") if out is None else Path(out)
         words = _command_line(
             "replay", str(sequence), settings or {}, pace=pace, out=kept, scene=path
         )

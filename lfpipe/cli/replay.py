@@ -7,6 +7,7 @@ import os
 import sys
 import time
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import click
@@ -17,7 +18,6 @@ from lfpipe.cli.scene import opened
 from lfpipe.cli.terminal import print_result, say
 from lfpipe.errors import UserError
 from lfpipe.files.output import check_output, check_outside
-from lfpipe.files.safe_files import temporary_folder
 from lfpipe.host.files import is_dir
 from lfpipe.replays import run
 from lfpipe.replays.compare import Comparison, cases_of, check_reference, compare
@@ -129,7 +129,7 @@ def _replayed(
     with contextlib.ExitStack() as held:
         if new is not None:
             run.check_out(new)
-        folder = held.enter_context(temporary_folder("replay")) if out is None else out
+        folder = out or Path(held.enter_context(TemporaryDirectory(prefix="lfpipe-replay-")))
         run.check_out(folder)
         field = opened(scene, config)
         if against is not None:

@@ -7,25 +7,21 @@ import errno
 import os
 import re
 import secrets
-import shutil
 import stat
-import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from io import BufferedReader, BufferedWriter
 from pathlib import Path
 
 from lfpipe.errors import UserError
-from lfpipe.host.file_lock import is_held, lock_open, take_folder
 from lfpipe.host.files import CAREFUL, CREATING
 
 PRIVATE = 0o600  # of a file that records a face or its movements; its folder has PRIVATE_FOLDER
 PRIVATE_FOLDER = 0o700
 MAX_FILE_BYTES = 1 << 36  # an hour of lossless light-field video is smaller
 LONGEST_LINE = 1 << 16  # bytes of a `LineFile`; limit of the search for the end of the last line
-WORK_NAME = re.compile(r"\.lfpipe-[0-9a-f]{16}\.new.{0,40}")  # of an `OutputFile`
+WORK_NAME = re.compile(r"\.lfpipe-[0-9a-f]{16}\.new.{0,40}")  # of `replaced`
 _watchers: list[Callable[[Path], None]] = []
-_LABEL = "written by lfpipe: temporary"  # file in a `temporary_folder`
 
 
 def reason(error: OSError | ValueError) -> str:
@@ -142,93 +138,36 @@ def create_private(path: Path, mode: int = PRIVATE) -> BufferedWriter:
     return open(path, "xb", opener=lambda path, flags: os.open(path, flags | CREATING, mode))
 
 
-def in_use(path: Path) -> bool:
-    """Whether an lfpipe is writing path, as an `OutputFile` or a `LineFile`."""
-    with contextlib.suppress(OSError):
-        return is_held(path)
-    return False
-
-
-class OutputFile:
-    """A file that is written at `current`, under a random name beside its place, and replaces
-    `path` with `place`; until then, path is unchanged.
-
-    It is locked while it is open, so that no other writer replaces it. A writer that is killed
-    leaves it in place if `place` was called, and otherwise a hidden file. Raises OSError.
-    """
-
-    def __init__(self, path: Path, mode: int = PRIVATE) -> None:
-        """mode: of the file, less the umask, and no wider than that of the file it replaces."""
-        check_regular(path)
-        self.path = Path(os.path.realpath(path))
-        _check_free(self.path)
-        with contextlib.suppress(FileNotFoundError):
-            mode &= self.path.stat().st_mode | PRIVATE
-        self.file = _create_beside(self.path, mode)
-        self.current = Path(self.file.name)
-        lock_open(self.file.fileno())
-
-    def place(self) -> None:
-        """Moves the file to its path. It stays open, and may grow. Raises OSError."""
-        if self.current != self.path:
-            _check_free(self.path)
-            self.current.replace(self.path)
-            self.current = self.path
-
-    def close(self) -> None:
-        """Ends writing. A file that was not placed is removed."""
-        if self.current != self.path:
-            self.current.unlink(missing_ok=True)
-        with contextlib.suppress(OSError):  # of a full disk; the writer has reported it
-            self.file.close()
-
-
-def _create_beside(path: Path, mode: int = PRIVATE) -> BufferedWriter:
-    """Creates a file of a random hidden name in the folder of path, with its suffix: FFmpeg chooses
-    the format by it. Raises OSError.
-    """
-    return create_private(
-        path.with_name(f".lfpipe-{secrets.token_hex(8)}.new{path.suffix[:40]}"), mode
-    )
-
-
-@contextlib.contextmanager
-def new_file_beside(path: Path) -> Iterator[BufferedWriter]:
-    """A private file in the folder of path, to be renamed; otherwise removed. Raises OSError."""
-    with _create_beside(path) as file:
-        try:
-            yield file
-        finally:
-            Path(file.name).unlink(missing_ok=True)
-
-
-def _check_free(path: Path) -> None:
-    """Raises OSError if another lfpipe is writing path."""
-    if in_use(path):
-        raise OSError(errno.EBUSY, "another lfpipe is writing it", str(path))
-
-
 @contextlib.contextmanager
 def replaced(path: Path, mode: int = PRIVATE) -> Iterator[BufferedWriter]:
     """A file to write, also by its name, that replaces path when it is complete. Until then, and if
-    writing fails, path is unchanged. mode: as `OutputFile`. Raises OSError that names path.
+    writing fails, path is unchanged; a killed writer leaves a hidden file beside it.
+
+    mode: of the file, less the umask, and no wider than that of the one it replaces. Raises OSError
+    that names path.
     """
-    output = OutputFile(path, mode)
+    check_regular(path)
+    place = Path(os.path.realpath(path))
+    with contextlib.suppress(FileNotFoundError):
+        mode &= place.stat().st_mode | PRIVATE
+    # with its suffix: FFmpeg chooses the format by it
+    new = place.with_name(f".lfpipe-{secrets.token_hex(8)}.new{place.suffix[:40]}")
     try:
-        yield output.file
-        output.file.flush()
-        output.place()
+        with create_private(new, mode) as file:
+            yield file
+        new.replace(place)
     except OSError as error:
-        error.filename = error.filename or str(path)  # a write has no file name
+        if not error.filename:  # of a write
+            error.filename = str(path)
         raise
     finally:
-        output.close()
+        new.unlink(missing_ok=True)
 
 
 def write_file(path: Path, data: bytes, mode: int = PRIVATE) -> None:
     """Replaces a file by data at once; creates its folder if there is none.
 
-    mode: as `OutputFile`. Raises OSError.
+    mode: as `replaced`. Raises OSError.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     with replaced(path, mode) as file:
@@ -251,15 +190,12 @@ class LineFile:
     """Appends lines with one write each. A partial line left by a killed writer is cut off."""
 
     def __init__(self, path: Path) -> None:
-        """Creates the file, private to its owner, if it does not exist, and locks it. Raises
-        OSError, also if path is not a file or in use.
+        """Creates the file, private to its owner, if it does not exist. Raises OSError, also if
+        path is not a file.
         """
         check_regular(path)
         self.path = path
         self._fd = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | CAREFUL, PRIVATE)
-        if not lock_open(self._fd):
-            os.close(self._fd)
-            raise OSError(errno.EBUSY, "another lfpipe is writing it", str(path))
         size = os.fstat(self._fd).st_size
         tail = (
             os.pread(self._fd, min(size, LONGEST_LINE), max(0, size - LONGEST_LINE))
@@ -285,35 +221,3 @@ class LineFile:
 
     def close(self) -> None:
         os.close(self._fd)
-
-
-@contextlib.contextmanager
-def temporary_folder(kind: str) -> Iterator[Path]:
-    """An empty folder among the temporary files, private to its owner, and removed at the end.
-
-    Folders of this kind that killed processes left are removed first: only those of this user that
-    have our label and that no process holds. Raises OSError.
-    """
-    prefix = f"lfpipe-{kind}-"
-    for left in Path(tempfile.gettempdir()).glob(f"{prefix}*"):
-        with contextlib.suppress(OSError):
-            _sweep(left)
-    folder = Path(tempfile.mkdtemp(prefix=prefix))
-    held = take_folder(folder)
-    try:
-        create_private(folder / _LABEL).close()  # after the lock: without a label, none is swept
-        work = folder / "work"
-        work.mkdir(PRIVATE_FOLDER)
-        yield work
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-        if held is not None:
-            held.release()
-
-
-def _sweep(left: Path) -> None:
-    """Removes a folder that a killed process left. Raises OSError."""
-    labelled = stat.S_ISREG((left / _LABEL).lstat().st_mode)
-    if labelled and (held := take_folder(left)) is not None:
-        shutil.rmtree(left, ignore_errors=True)
-        held.release()

@@ -2,12 +2,9 @@
 any player, half the chroma. .avi is Motion JPEG: larger, for any player, without PyAV. .mkv keeps
 every value, because chroma separates the two eyes of an anaglyph.
 
-H.264: colours are BT.709 and tagged as such. The file is written in fragments and converted to an
-ordinary MP4 at its end, so a file whose writer was killed lacks at most its last two seconds.
+H.264: colours are BT.709 and tagged as such.
 """
 
-import contextlib
-import os
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, cast
@@ -19,11 +16,13 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import opencv_name
 from lfpipe.files.output import PLACE
-from lfpipe.files.safe_files import new_file_beside, reason
-from lfpipe.host.files import path_to_write
+from lfpipe.files.safe_files import reason
 from lfpipe.host.machine import install_command
 
 ENCODER = "libx264"
+# An MP4 has its index first, as web pages and some players expect; or it is written in fragments
+# until its end, so that it lacks at most two seconds if its writer is killed.
+INDEX_FIRST, IN_FRAGMENTS = "faststart", "hybrid_fragmented"
 QUALITY = "18"  # x264's constant rate factor: nearly indistinguishable from the original
 BT709 = 1  # its number in FFmpeg
 # Of the encoders in OpenCV's wheel, HuffYUV (on RGB), FFV1, PNG and raw RGBA preserve every RGB
@@ -54,10 +53,11 @@ class VideoWriter:
     Raises UserError if there is no encoder or the file cannot be created.
     """
 
-    def __init__(self, path: Path, size_px: tuple[int, int], rate_hz: float) -> None:
-        """size_px: (width, height)."""
+    def __init__(
+        self, path: Path, size_px: tuple[int, int], rate_hz: float, mp4: str = INDEX_FIRST
+    ) -> None:
+        """size_px: (width, height). mp4: INDEX_FIRST or IN_FRAGMENTS."""
         codec = CODECS.get(path.suffix.lower())
-        self.lossless = path.suffix.lower() == ".mkv"
         self._by_opencv: cv2.VideoWriter | None = None
         self.size_px = size_px[0] + size_px[0] % 2, size_px[1] + size_px[1] % 2
         if codec is not None:
@@ -74,27 +74,21 @@ class VideoWriter:
         require_encoder()
         make = cast(Any, open_container)  # its stubs cover every kind of stream
         try:
-            self._file = path.open("wb")
+            options = {"movflags": mp4, "flush_packets": "1"}
+            self._container = make(f"file:{path}", "w", format="mp4", options=options)
         except OSError as error:
             raise write_error(path, error) from None
-        try:
-            self._container = make(
-                self._file, "w", format="mp4", options={"movflags": "hybrid_fragmented"}
-            )
-            self._stream = self._container.add_stream(
-                ENCODER, rate=Fraction(rate_hz).limit_denominator(1001)
-            )
-            self._stream.width, self._stream.height = self.size_px
-            self._stream.pix_fmt = "yuv420p"
-            self._stream.options = {"crf": QUALITY, "preset": "veryfast"}
-            coder = self._stream.codec_context
-            coder.colorspace = coder.color_primaries = coder.color_trc = BT709
-            coder.color_range = 1  # limited
-            coder.gop_size = max(1, round(2 * rate_hz))  # a fragment begins with a key frame
-            coder.thread_count = 1  # sessions plan one thread per core
-        except BaseException:
-            self._file.close()
-            raise
+        self._stream = self._container.add_stream(
+            ENCODER, rate=Fraction(rate_hz).limit_denominator(1001)
+        )
+        self._stream.width, self._stream.height = self.size_px
+        self._stream.pix_fmt = "yuv420p"
+        self._stream.options = {"crf": QUALITY, "preset": "veryfast"}
+        coder = self._stream.codec_context
+        coder.colorspace = coder.color_primaries = coder.color_trc = BT709
+        coder.color_range = 1  # limited
+        coder.gop_size = max(1, round(2 * rate_hz))  # a fragment begins with a key frame
+        coder.thread_count = 1  # sessions plan one thread per core
 
     def write(self, picture: NDArray[np.uint8]) -> None:
         """The next picture, uint8 (height, width, 3) BGR.
@@ -113,45 +107,13 @@ class VideoWriter:
         frame = frame.reformat(format="yuv420p", dst_colorspace=BT709, dst_color_range=1)
         self._container.mux(self._stream.encode(frame))
 
-    def release(self, path: Path) -> None:
-        """Ends the file, which is at path now; an MP4 has its index ("moov") first then, as web
-        pages and some players expect. Raises OSError if the disk is full.
-        """
+    def release(self) -> None:
+        """Ends the file. Raises OSError if the disk is full."""
         if self._by_opencv is not None:
             self._by_opencv.release()
         else:
-            try:
-                self._container.mux(self._stream.encode())
-                self._container.close()
-            finally:
-                with contextlib.suppress(OSError):
-                    self._file.close()
-            _move_index_first(path)
-
-
-def _move_index_first(path: Path) -> None:
-    """Copies the finished packets to a new file that replaces path. If the disk is too full for the
-    copy, the file stays: every player opens it.
-    """
-    from av import open as open_container
-    from av.error import FFmpegError
-
-    open_any = cast(Any, open_container)
-    mode = path.stat().st_mode
-    with contextlib.suppress(OSError, FFmpegError), new_file_beside(path) as file:
-        with (
-            open_any(f"file:{path}") as old,
-            open_any(
-                f"file:{path_to_write(file)}", "w", format="mp4", options={"movflags": "faststart"}
-            ) as indexed,
-        ):
-            stream = indexed.add_stream_from_template(old.streams.video[0])
-            for packet in old.demux(video=0):
-                if packet.dts is not None:  # the last one is empty
-                    packet.stream = stream
-                    indexed.mux(packet)
-        os.fchmod(file.fileno(), mode)
-        Path(file.name).replace(path)
+            self._container.mux(self._stream.encode())
+            self._container.close()
 
 
 def write_error(path: Path, error: OSError) -> UserError:

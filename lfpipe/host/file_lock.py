@@ -61,15 +61,6 @@ def take(path: Path) -> Lock | None:
     return None
 
 
-def take_folder(path: Path) -> Lock | None:
-    """As `take`, for an existing folder of this user. Raises OSError."""
-    fd = os.open(path, os.O_RDONLY | os.O_DIRECTORY | _SAFE)
-    if os.fstat(fd).st_uid == os.getuid() and lock_open(fd):
-        return Lock(path, fd)
-    os.close(fd)
-    return None
-
-
 @contextlib.contextmanager
 def waited_for(path: Path, waiting: Callable[[], None]) -> Iterator[None]:
     """Holds the lock of a file, created if missing; waits until no other process holds one.

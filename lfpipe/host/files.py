@@ -38,13 +38,6 @@ def proc_fd_path(file: IO[bytes]) -> str:
     return f"{_DESCRIPTORS}/{file.fileno()}"
 
 
-def path_to_write(file: IO[bytes]) -> str:
-    """A path that reopens this same file even if its name has been replaced. On macOS, the name:
-    `/dev/fd` shares one position there.
-    """
-    return proc_fd_path(file) if sys.platform == "linux" else str(file.name)
-
-
 def reserve(path: Path) -> None:
     """Reserves disk space for all of a file, so that a map of it can be written.
 

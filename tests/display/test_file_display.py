@@ -115,21 +115,7 @@ def test_file_display_ends_the_video_on_a_full_disk(
     assert any("the video ends here" in notice.text for notice in notices)
 
 
-def test_file_display_ends_a_video_that_may_not_grow(tmp_path: Path) -> None:
-    code = f"""if True:
-        import resource
-        from pathlib import Path
-        from tests.display.test_file_display import noise, record
-        resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
-        out = Path({str(tmp_path / "out.mkv")!r})
-        print(record(out, [noise(1, 640, 480)[0]] * 300, 200.0, 0.005))
-    """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert done.returncode == 0, done.stderr
-    assert "no longer grows" in done.stdout and done.stderr == ""
-
-
-def test_file_display_mp4_is_h264_with_its_index_first(tmp_path: Path) -> None:
+def test_file_display_mp4_is_h264(tmp_path: Path) -> None:
     import av
 
     record(
@@ -141,16 +127,12 @@ def test_file_display_mp4_is_h264_with_its_index_first(tmp_path: Path) -> None:
     with av.open(str(tmp_path / "out.mp4")) as container:
         assert container.streams.video[0].codec_context.name == "h264"
         shades = [frame.to_ndarray(format="rgb24").mean() for frame in container.decode(video=0)]
-    assert len(shades) > CHECK_FRAMES, "the file was moved to its place while it grew"
     assert (
         shades == sorted(shades)
         and shades[0] == pytest.approx(40, abs=2)
         and shades[-1] == pytest.approx(200, abs=2)
     )
-    data = (tmp_path / "out.mp4").read_bytes()
-    assert 0 < data.index(b"moov") < data.index(b"mdat") and list(tmp_path.iterdir()) == [
-        tmp_path / "out.mp4"
-    ]
+    assert list(tmp_path.iterdir()) == [tmp_path / "out.mp4"]
 
 
 def test_file_display_mp4_writes_through_no_link(tmp_path: Path) -> None:
@@ -160,7 +142,6 @@ def test_file_display_mp4_writes_through_no_link(tmp_path: Path) -> None:
     planted = [tmp_path / name for name in (*names, ".out.new.mp4.index")]
     for link in planted:
         link.symlink_to(victim)
-    # once a group of pictures is complete, after two seconds, it grows in its place
     record(tmp_path / "out.mp4", [np.full((36, 60, 3), 90, np.uint8)] * 2, 50.0, 1.3)
     assert victim.read_text() == "mine" and all(link.is_symlink() for link in planted)
     assert not (tmp_path / "out.mp4").is_symlink() and read_back(tmp_path / "out.mp4")
@@ -173,8 +154,8 @@ def test_video_writer_killed_leaves_an_mp4_that_plays(tmp_path: Path) -> None:
         import os, sys
         from pathlib import Path
         import numpy as np
-        from lfpipe.files.video_writer import VideoWriter
-        writer = VideoWriter(Path(sys.argv[1]), (64, 48), 30.0)
+        from lfpipe.files.video_writer import IN_FRAGMENTS, VideoWriter
+        writer = VideoWriter(Path(sys.argv[1]), (64, 48), 30.0, IN_FRAGMENTS)
         for number in range(400):
             writer.write(np.full((48, 64, 3), number % 256, np.uint8))
         os._exit(9)

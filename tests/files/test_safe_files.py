@@ -1,9 +1,6 @@
 """The only functions that read and write files at paths from users."""
 
-import os
 import stat
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -110,21 +107,6 @@ def test_what_shows_a_person_is_for_its_owner(tmp_path: Path) -> None:
     assert {stat.S_IMODE((tmp_path / name).stat().st_mode) for name in "ab"} == {0o600}
 
 
-def test_of_two_writers_the_later_one_is_refused_and_the_file_in_use_stays(tmp_path: Path) -> None:
-    path = tmp_path / "video.mkv"
-    first, second = safe_files.OutputFile(path), safe_files.OutputFile(path)
-    first.file.write(b"first")
-    first.file.flush()
-    first.place()
-    with pytest.raises(OSError, match="another lfpipe"):
-        second.place()
-    with pytest.raises(OSError, match="another lfpipe"):
-        safe_files.OutputFile(path)
-    second.close()
-    first.close()
-    assert path.read_bytes() == b"first" and names(tmp_path) == ["video.mkv"]
-
-
 @pytest.mark.parametrize("name", [".b.new.png", ".report.new", "x" * 250, f"{'x' * 180}.png"])
 def test_no_file_beside_is_taken_for_unfinished_work(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(b"mine")
@@ -141,43 +123,3 @@ def test_a_file_stays_as_private_as_it_was(tmp_path: Path) -> None:
     path.touch(0o600)
     safe_files.write_file(path, b"", 0o644)
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
-
-
-HOLD = """
-import sys, time
-from lfpipe.files.safe_files import temporary_folder
-with temporary_folder("test") as folder:
-    (folder / "face.png").write_bytes(b"private")
-    print(folder, flush=True)
-    time.sleep(100)
-"""
-
-
-def test_a_temporary_folder_of_a_killed_process_is_removed_and_no_other(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    (tmp_path / "lfpipe-test-notes").mkdir()
-    (tmp_path / "lfpipe-test-notes" / "mine.txt").write_text("mine")
-    (tmp_path / "lfpipe-test-file").write_text("mine")
-    (tmp_path / "lfpipe-test-link").symlink_to("lfpipe-test-notes")
-    env = {**os.environ, "TMPDIR": str(tmp_path)}
-    running = [
-        subprocess.Popen([sys.executable, "-c", HOLD], env=env, stdout=subprocess.PIPE, text=True)
-        for _ in range(2)
-    ]
-    try:
-        killed, living = (Path(p.stdout.readline().strip()) for p in running if p.stdout)
-        running[0].kill()
-        running[0].wait()
-        assert killed.is_dir()
-        with safe_files.temporary_folder("test") as folder:
-            assert stat.S_IMODE(folder.parent.stat().st_mode) == 0o700
-            assert not killed.parent.exists() and living.is_dir()
-        assert not folder.parent.exists()
-    finally:
-        for process in running:
-            process.kill()
-            process.communicate()
-    assert {"lfpipe-test-file", "lfpipe-test-link", "lfpipe-test-notes"} <= set(names(tmp_path))
-    assert (tmp_path / "lfpipe-test-notes" / "mine.txt").read_text() == "mine"

@@ -204,7 +204,7 @@ def write_clip(path: Path, pictures: Iterable[Picture], rate_hz: float) -> None:
             writer = VideoWriter(Path(file.name), (first.shape[1], first.shape[0]), rate_hz)
             for picture in itertools.chain([first], pictures):
                 writer.write(picture)
-            writer.release(Path(file.name))
+            writer.release()
     except OSError as error:
         raise write_error(path, error) from None
 

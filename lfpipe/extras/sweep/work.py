@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Iterable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import attrs
@@ -20,7 +21,7 @@ from lfpipe.errors import UserError, plain, quoted
 from lfpipe.extras.sweep.plan import QUALITY, REPLAY, TABLE, TRUTH, Cell
 from lfpipe.extras.sweep.results import DIED, DIFFERS, FAILED, LEFT_OUT, OK, Outcome
 from lfpipe.files.output import write_output
-from lfpipe.files.safe_files import read_text, temporary_folder
+from lfpipe.files.safe_files import read_text
 from lfpipe.files.untrusted import json_fields
 from lfpipe.host.files import exists, is_dir
 from lfpipe.replays.report import REPORT, REPORT_BYTES, read_report
@@ -88,9 +89,9 @@ def measure_cell(cell: Cell, options: SweepOptions) -> Outcome:
     started_s = time.monotonic()
     metrics = dict[str, Any]()
     try:
-        with temporary_folder("sweep") as work:
+        with TemporaryDirectory(prefix="lfpipe-sweep-") as work:
             measure = _replay if cell.subject in (REPLAY, TRUTH) else _bench
-            state, reason, metrics = measure(cell, options, work)
+            state, reason, metrics = measure(cell, options, Path(work))
         if state == OK and (place := options.reference(cell)):
             state, reason = _compared(cell, metrics, place, options.update)
     except subprocess.TimeoutExpired:

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fitted, opencv_name
 from lfpipe.files.output import write_output
-from lfpipe.files.safe_files import OutputFile
-from lfpipe.files.video_writer import VideoWriter, require_encoder, write_error
+from lfpipe.files.safe_files import check_regular, create_private
+from lfpipe.files.video_writer import IN_FRAGMENTS, VideoWriter, require_encoder, write_error
 from lfpipe.host.terminal import OPENCV_ERROR, opencv_logging
 from lfpipe.render.display.display import Display, DisplayNotice
 from lfpipe.render.synthesis.pair_layout import Pair
@@ -30,8 +30,6 @@ QUEUE_PICTURES = 8  # a short wait for the disk
 # left free on the disk, so that the video makes nothing else on the machine fail
 RESERVE_BYTES = 64 << 20
 CHECK_FRAMES = 16  # between two looks at the disk: four a second at 60 Hz
-HELD_BYTES = 8 << 20  # not in the file yet: more than the 5 MB that the container may hold back
-MIN_BITS = 3  # a pixel takes at least a bit a channel
 # an encoder that lags by more than a short wait for the disk no longer repeats pictures
 BEHIND_S = 0.5
 AHEAD_FRAMES = 2  # pictures faster than the rate are accepted until the video is this far ahead
@@ -71,11 +69,14 @@ class FileDisplay(Display):
         """path: as `check_file` accepts. size_px: (width, height) of the pictures. Raises UserError
         if it cannot be created.
         """
+        place = Path(os.path.realpath(path))
         try:
-            self._output = OutputFile(path)
+            check_regular(place)
+            place.unlink(missing_ok=True)
+            create_private(place).close()
         except OSError as error:
             raise write_error(path, error) from None
-        self._writer = VideoWriter(self._output.current, size_px, rate_hz)
+        self._writer = VideoWriter(place, size_px, rate_hz, IN_FRAGMENTS)
         self._path = path
         self._size = size_px
         self._period_ns = 1e9 / rate_hz
@@ -113,12 +114,11 @@ class FileDisplay(Display):
     @opencv_logging(OPENCV_ERROR)  # otherwise a full disk gives a warning for every picture
     def _run(self) -> None:
         why = ""
-        for task in (self._write_all, self._complete):
+        for task in (self._write_all, self._writer.release):
             try:
                 task()
             except OSError as error:
                 why = why or error.strerror or "it cannot be written"
-        self._output.close()
         text = (
             f"{self._path}: {self.dropped} pictures are missing: they came faster than they could"
             " be written"
@@ -127,11 +127,6 @@ class FileDisplay(Display):
             text = f"{self._path}: the video ends here after {self._written} pictures: {why}"
         if why or self.dropped:
             self._notices.append(DisplayNotice(text, lost=bool(why)))
-
-    def _complete(self) -> None:
-        """Ends the file. Raises OSError."""
-        self._writer.release(self._output.current)
-        self._place()
 
     def _write_all(self) -> None:
         """Writes pictures until the end. Raises OSError."""
@@ -164,28 +159,13 @@ class FileDisplay(Display):
             self._put(shown)
 
     def _put(self, picture: NDArray[np.uint8]) -> None:
-        """Writes a picture. Raises OSError, also for what a lossless video does not report: a full
-        disk, a file that does not grow.
-        """
+        """Writes a picture. Raises OSError, also for a full disk, which OpenCV does not report."""
         self._writer.write(picture)
         self._written += 1
-        if self._written % CHECK_FRAMES:
-            return
-        self._place()
-        free = shutil.disk_usage(self._path.parent).free
-        size = self._output.current.stat().st_size
-        if free < self._reserve:
-            raise OSError(errno.ENOSPC, f"the disk is full ({free / 1e6:.0f} MB free)")
-        if (
-            self._writer.lossless
-            and size + HELD_BYTES < self._written * self._size[0] * self._size[1] * MIN_BITS / 8
-        ):
-            raise OSError(errno.EFBIG, "it no longer grows (quota or size limit)")
-
-    def _place(self) -> None:
-        """Moves the file to its place once something is on the disk. Raises OSError."""
-        if self._output.current.stat().st_size:
-            self._output.place()
+        if self._written % CHECK_FRAMES == 0:
+            free = shutil.disk_usage(self._path.parent).free
+            if free < self._reserve:
+                raise OSError(errno.ENOSPC, f"the disk is full ({free / 1e6:.0f} MB free)")
 
 
 def save(path: Path, picture: NDArray[np.uint8]) -> str:
