@@ -1,9 +1,5 @@
 """Plug-ins that fail: named with their package, and skipped if alternatives exist."""
 
-import contextlib
-import os
-import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import NoneType
@@ -19,14 +15,12 @@ from lfpipe.errors import UserError
 from lfpipe.monitor.doctor import plugin_check
 from lfpipe.plugins import DISPLAYS, ENGINES, LAYOUTS, SOURCES, PluginError, entries, load, loaded
 from lfpipe.render.display.open_display import open_display, parse_display
-from lfpipe.scene import layouts, open_scene
-from lfpipe.supervisor.scene_loads import ScenePreviews
+from lfpipe.scene import layouts
 from lfpipe.track.filters.table import make_filter
 from lfpipe.track.make_engine import make_engine
-from lfpipe.transport.control import Message
 from tests.scene import made
 from tests.support.refusal import refusal
-from tests.support.world import until, write_package
+from tests.support.world import write_package
 
 MODULE = """
 import sys
@@ -328,77 +322,3 @@ def test_plugin_source_is_named_for_each_wrong_result(
     for make in (parse_source("bad:").open, lambda camera: parse_source("bad:").opener(camera)()):
         with pytest.raises(PluginError, match=rf"bad of bad 1\.0 .*{why}"):
             make(config.Camera()).read(np.zeros((48, 64, 3), np.uint8))
-
-
-@pytest.mark.parametrize(
-    ("detect", "why"),
-    [
-        ("import os; os._exit(0)", "ends the process"),
-        ("import os; os.abort()", "ends the process"),
-        (
-            "import os, itertools\n    if os.fork(): os._exit(0)\n    try:"
-            " all(os.write(2, b'x') for _ in itertools.repeat(0))\n    finally: os._exit(0)",
-            "ends the process",
-        ),
-        ("while True: pass", "does not end"),
-    ],
-)
-def test_plugin_layout_that_ends_or_blocks_the_packer_is_named_and_skipped(
-    install: Install, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, detect: str, why: str
-) -> None:
-    install({LAYOUTS: "bad = bad_parts"}, detect=detect)
-    monkeypatch.setattr(open_scene, "PLUGIN_S", 2.0)
-    monkeypatch.setattr(open_scene.Packing, "faults", {})
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    packages = [str(tmp_path / "packages"), *filter(None, [os.environ.get("PYTHONPATH")])]
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(packages))
-    scene = made.write_grid(tmp_path / "png", made.wall(2, 2, 32, 40))
-    manifest = open_scene.ask_manifest(scene, Scene())
-    assert (manifest.rows, manifest.cols) == (2, 2)
-    assert any(f"bad of bad 1.0 (lfpipe.layouts) {why}" in note for note in manifest.notes)
-    began = time.monotonic()
-    open_scene.ask_manifest(made.write_grid(tmp_path / "two", made.wall(2, 2, 32, 40)), Scene())
-    assert time.monotonic() - began < 60, "it is not tried again"
-    with pytest.raises(PluginError, match=rf"bad of bad 1\.0 .* {why}"):
-        open_scene.ask_manifest(scene, Scene(layout="bad"))
-
-
-def test_plugin_layout_is_named_by_the_last_that_the_packer_has_written(
-    install: Install, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    install({LAYOUTS: "bad = bad_parts"}, detect="import os; os._exit(0)")
-    monkeypatch.setattr(open_scene.Packing, "faults", {})
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path / "packages"), *sys.path]))
-    scene = made.write_grid(tmp_path / "png", made.wall(2, 2, 32, 40))
-    settings = Scene(cache_dir=str(tmp_path / "cache"))
-    request = open_scene.PackerRequest(do="info", scenes=[str(scene)], settings=settings)
-    with contextlib.closing(open_scene.Packing(request)) as packing:
-        packing._process.wait(60)  # nothing is read before its end
-        packing.wait()
-        assert packing.result()["rows"] == 2
-    assert "ends the process" in open_scene.Packing.faults["bad"]
-
-
-def test_plugin_layout_that_blocks_the_first_preview_is_not_tried_for_the_others(
-    install: Install, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    tries = tmp_path / "tries"
-    blocks = f"open({str(tries)!r}, 'a').write('x'); import signal; signal.pause()"
-    install({LAYOUTS: "bad = bad_parts"}, detect=blocks)
-    monkeypatch.setattr(open_scene, "PLUGIN_S", 1.0)
-    monkeypatch.setattr(open_scene.Packing, "faults", {})
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path / "packages"), *sys.path]))
-    scenes = [
-        str(made.write_grid(tmp_path / name, made.wall(2, 2, 32, 40))) for name in ("a", "b", "c")
-    ]
-    messages: list[Message] = []
-    previews = ScenePreviews(messages.append)
-    previews.begin(scenes, Scene(cache_dir=str(tmp_path / "cache")))
-
-    def are_read() -> bool:
-        previews.read()
-        return previews._reader is None
-
-    until(are_read, "previews")
-    assert [message["scene"] for message in messages] == scenes
-    assert all(message["data"] for message in messages) and tries.read_text() == "x"

@@ -117,7 +117,6 @@ class Manifest:
     scores: Mapping[str, float] = attrs.field(factory=dict)
     errors: Mapping[str, tuple[float, ...]] = attrs.field(factory=dict)
     method: str = ""  # that `auto` selects; "" if not packed
-    checksum: str = ""  # of all other fields
 
     @property
     def views_shape(self) -> tuple[int, ...]:

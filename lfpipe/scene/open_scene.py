@@ -3,18 +3,16 @@
 import contextlib
 import logging
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import attrs
 
 from lfpipe import config
 from lfpipe.config import SceneSummary, converter
-from lfpipe.host.child import Patience
 from lfpipe.host.files import is_dir
 from lfpipe.host.worker import Worker
-from lfpipe.plugins import LAYOUTS, PluginError, broken
 from lfpipe.scene.cache import cache_dir, packed
 from lfpipe.scene.demo import demo_scene, named_scene
 from lfpipe.scene.lightfield import LightField, Manifest
@@ -24,7 +22,6 @@ from lfpipe.scene.source import Progress
 log = logging.getLogger(__name__)
 
 SILENT_S = 60.0  # limit without a step: a large picture on a slow disk
-PLUGIN_S = 20.0  # for a layout of another package to recognise a scene: it reads some small parts
 ScenePath = str | os.PathLike[str]
 
 
@@ -47,20 +44,12 @@ class PackerRequest:
     # pack: "module:function" that scores the methods on a LightField, -> {method: PSNR in dB}; this
     # package must not import the rendering packages. "": the method is chosen without scores
     scorer: str = ""
-    # layouts of other packages that end or block the packer, and what they do
-    without: Mapping[str, str] = attrs.field(factory=dict)
 
 
 class Packing(Worker):
-    """A packer process that works on a request; a new one, if a layout of another package that the
-    request does not name has ended or blocked it.
-    """
-
-    faults: ClassVar[dict[str, str]] = {}
-    """Those layouts, and what they do; no later request of this process tries them."""
+    """A packer process that works on a request."""
 
     def __init__(self, request: PackerRequest, progress: Progress | None = None) -> None:
-        self.request = request
         self.views: SceneSummary | None = None
         """Summary of the pack as soon as it can be shown."""
         self.scenes: list[Path] = []
@@ -70,42 +59,7 @@ class Packing(Worker):
         self.share = 0.0
         """The completed share of the step, 0 to 1."""
         self.progress = progress
-        self._start()
-
-    def _start(self) -> None:
-        self._layout, self._does = "", ""  # of another package, that it is in
-        named = self.request.settings.layout
-        without = {name: fault for name, fault in self.faults.items() if name != named}
-        asked = attrs.evolve(self.request, without=without)
-        super().__init__("lfpipe.scene.packer", attrs.asdict(asked), asked.scenes[0], SILENT_S)
-
-    @property
-    def done(self) -> bool:
-        """See `Worker.done`."""
-        done = super().done
-        fault = self._fault() if done else None
-        if fault is None or fault.name == self.request.settings.layout:
-            return done
-        log.warning("%s; it is skipped", fault.message)
-        self.faults[fault.name] = fault.message
-        self.close()
-        self._start()
-        return False
-
-    def _fault(self) -> PluginError | None:
-        """What a layout of another package has done to the packer."""
-        if self._verdict is not None or not self._layout:
-            return None
-        how = "does not end" if self._process.exit_code is None else "ends the process"
-        why = f"{how}: it {self._does}".replace("it fails", "it was").replace("it cannot", "cannot")
-        return broken(LAYOUTS, self._layout, why)
-
-    def result(self) -> dict[str, Any]:
-        """See `Worker.result`."""
-        if fault := self._fault():
-            self.close()
-            raise fault
-        return super().result()
+        super().__init__("lfpipe.scene.packer", attrs.asdict(request), request.scenes[0], SILENT_S)
 
     def on_step(self, step: dict[str, Any]) -> None:
         """Processes a step of the packer."""
@@ -118,10 +72,6 @@ class Packing(Worker):
             self.views = SceneSummary(**step["summary"])
         elif "log" in step:
             log.info(step["log"])
-        elif "layout" in step:
-            self._layout, self._does = step["layout"], step["does"]
-            limit_s = PLUGIN_S if self._layout else SILENT_S
-            self._patience = Patience(limit_s=limit_s, cpu_s=limit_s)
         elif "scenes" in step:
             self.scenes = [Path(text) for text in step["scenes"]]
 

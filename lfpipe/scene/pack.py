@@ -3,18 +3,16 @@
 - views.npy: uint8 (frames, rows, cols, channels, height, width); locked while a light field of the
   pack is open
 - disparity.npy: int8 (frames, rows, cols, half height, half width); only of a complete pack
-- manifest.json: written last; "complete": whether all views and the disparity are there;
-  "checksum": of all other fields
+- manifest.json: written last; "complete": whether all views and the disparity are there
 
 Views are written first: a pack without disparity can be shown.
 """
 
 import contextlib
-import hashlib
 import json
 import os
 import weakref
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -34,24 +32,15 @@ from lfpipe.scene.lightfield import VERSION, DisparitySource, LightField, Manife
 
 VIEWS, DISPARITY, MANIFEST = "views.npy", "disparity.npy", "manifest.json"
 INTERIM = "interim.npy"  # while the disparity is estimated
-FILES = (VIEWS, DISPARITY, MANIFEST, INTERIM)
 
 
 class DamagedPackError(UserError):
     """A folder that is not a pack of this version, or is damaged."""
 
 
-def _checksum(manifest: Mapping[str, Any]) -> str:
-    body = {key: value for key, value in manifest.items() if key != "checksum"}
-    return hashlib.blake2b(
-        json.dumps(body, sort_keys=True, allow_nan=False).encode(), digest_size=16
-    ).hexdigest()
-
-
 def write_manifest(folder: Path, manifest: Manifest) -> None:
-    """Writes the manifest with its checksum atomically. Raises OSError."""
-    body = attrs.asdict(manifest)
-    text = json.dumps({**body, "checksum": _checksum(body)}, indent=1, allow_nan=False)
+    """Writes the manifest atomically. Raises OSError."""
+    text = json.dumps(attrs.asdict(manifest), indent=1, allow_nan=False)
     write_file(folder / MANIFEST, text.encode(), 0o666)
 
 
@@ -72,15 +61,13 @@ def _reading(folder: Path) -> Iterator[None]:
 def read_manifest(folder: Path) -> Manifest:
     """The manifest of a pack.
 
-    Raises DamagedPackError if it is missing, changed or of another version.
+    Raises DamagedPackError if it is missing, damaged or of another version.
     """
     with _reading(folder):
         # the manifest of 20,000 views with offsets has about 1 MB
         manifest = json_fields(read_bytes(folder / MANIFEST, 16 << 20), MANIFEST, "").values
         if manifest.get("version") != VERSION:
             raise ValueError(f"it has another version; this lfpipe reads version {VERSION}")
-        if manifest.get("checksum") != _checksum(manifest):
-            raise ValueError(f"{MANIFEST} was changed after the pack was made")
         return converter().structure(manifest, Manifest)
 
 
@@ -130,7 +117,7 @@ def open_pack(folder: Path, invert_depth: str = "auto") -> LightField:
     """The light field of a pack, in the order that scene.invert_depth asks for. `lfpipe scene
     clean` does not remove the pack while this object lives.
 
-    Raises DamagedPackError if it is missing, damaged, changed or of another version.
+    Raises DamagedPackError if it is missing, damaged or of another version.
     """
     with _reading(folder), contextlib.ExitStack() as undo:
         held = hold_pack(folder)

@@ -8,7 +8,6 @@ object:
     {"step": "views", "done": 7, "total": 81}   progress
     {"summary": {...}}                          the pack can be shown, still without disparity
     {"log": "..."}                              a decision and its reason
-    {"layout": name, "does": "..."}             code of another package runs; {"layout": ""}: ended
 
 Result: the summary of the pack; the `Manifest` of the scene; or nothing after previews, which are
 steps {"preview": path, "data": base 64, "" for none}.
@@ -28,7 +27,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe import plugins
 from lfpipe.config import Scene, converter
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area
@@ -37,7 +35,7 @@ from lfpipe.host.files import is_dir
 from lfpipe.host.worker import Report, serve
 from lfpipe.scene import layouts
 from lfpipe.scene.analysis import analyse_scene
-from lfpipe.scene.cache import cache_dir, cache_root, packed
+from lfpipe.scene.cache import cache_dir, packed
 from lfpipe.scene.demo import named_scene
 from lfpipe.scene.info import scene_manifest
 from lfpipe.scene.lightfield import MethodScores
@@ -77,8 +75,6 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
     scene_log = logging.getLogger("lfpipe.scene")
     scene_log.setLevel(logging.INFO)
     scene_log.handlers = [_LogOfParent(report)]
-    plugins.skipped.update(asked.without)
-    plugins.watchers.append(lambda name, does: report(layout=name, does=does))
     paths = [Path(text) for text in asked.scenes]
     watch_files(lambda path: report(reading=str(path)))
 
@@ -101,7 +97,7 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
         report(scenes=[str(path) for path in paths])
     field = pack_scene(paths[0], settings, _scorer(asked.scorer), progress, views_ready)
     # the demo is always available
-    if asked.remember and not paths[0].is_relative_to(cache_root(settings)):
+    if asked.remember and not paths[0].is_relative_to(cache_dir(settings)):
         remember_scene(paths[0])
     return attrs.asdict(summarize(field))
 

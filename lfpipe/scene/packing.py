@@ -20,6 +20,7 @@ from lfpipe import config
 from lfpipe._version import __version__
 from lfpipe.errors import plain
 from lfpipe.host import file_lock
+from lfpipe.host.files import exists
 from lfpipe.host.processes import usable_cores
 from lfpipe.scene import cache
 from lfpipe.scene.analysis import (
@@ -93,29 +94,22 @@ def pack_scene(
     field = cache.packed(path, settings, complete=True)
     if field is not None:
         return field
-    mark = cache.stamp(path, settings)
+    key = cache.key_of(path, settings)
     root = cache.prepare_cache(settings)
+    folder = root / "scenes" / key
     with library_errors(path):
         source, settings = checked_source(path, settings)
-        key = cache.content_key(source, settings)
-        folder = root / "scenes" / key
-
-        def can_be_shown() -> None:
-            cache.remember(root, mark, key)
-            views_ready(folder)
-
         with file_lock.waited_for(
             root / "locks" / key, lambda: progress("waiting for another packer", 0, 1)
         ):
             if cache.usable(folder, settings, complete=True) is None:
                 scene = analyse_source(source, settings)
                 try:
-                    _write_views(scene, folder, can_be_shown, progress)
+                    _write_views(scene, folder, views_ready, progress)
                 except NotGreyError:
                     scene = attrs.evolve(scene, channels=3)
-                    _write_views(scene, folder, can_be_shown, progress)
+                    _write_views(scene, folder, views_ready, progress)
                 _complete(scene, folder, score, progress)
-            cache.remember(root, mark, key)
             return open_pack(folder, settings.invert_depth)
 
 
@@ -187,11 +181,11 @@ def _view_writer(
 
 
 def _write_views(
-    scene: AnalysedScene, folder: Path, can_be_shown: Callable[[], None], progress: Progress
+    scene: AnalysedScene, folder: Path, views_ready: Callable[[Path], None], progress: Progress
 ) -> None:
     """Writes the views of a new pack, those nearest to the middle of the grid first; a missing view
     gets a copy of the nearest one. Writes the manifest after the first views and calls
-    can_be_shown.
+    views_ready.
     """
 
     def away(place: FrameIndex) -> float:
@@ -205,11 +199,11 @@ def _write_views(
     # the middle and its neighbours: sessions start in the middle of the grid
     first = min(len(views), 5) if scene.source.frames == 1 else len(views)
     item_bytes = 6 * scene.source.height_px * scene.source.width_px
-    with cache.writing(folder.parents[1]):
-        cache.clear(folder)  # left by a killed packer
-        folder.mkdir()
     try:
         with cache.writing(folder.parents[1]):
+            if exists(folder):  # left by a killed packer
+                shutil.rmtree(folder)
+            folder.mkdir()
             out = make_array(folder / VIEWS, scene.shape)
             write = _view_writer(scene, out)
             report(0)
@@ -222,7 +216,7 @@ def _write_views(
                     planes[:, row, col] = planes[:, *nearest_present(written, row, col)]
                 if start == 0:
                     write_manifest(folder, manifest_of(scene, folder.name))
-                    can_be_shown()
+                    views_ready(folder)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise

@@ -149,7 +149,8 @@ class _PreviewReader(Packing):
 
     def __init__(self, scenes: Sequence[str], settings: Scene, send: Send) -> None:
         self._send = send
-        super().__init__(PackerRequest(do="previews", scenes=scenes, settings=settings))
+        self.request = PackerRequest(do="previews", scenes=scenes, settings=settings)
+        super().__init__(self.request)
 
     def on_step(self, step: dict[str, Any]) -> None:
         """Passes on a preview."""

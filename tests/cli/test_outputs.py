@@ -72,8 +72,6 @@ def owned(tmp_path_factory: pytest.TempPathFactory, clip: Path) -> Path:
         ("replay walk --out walk/out", "walk/out"),
         ("replay views --scene views --expect views/ref --update", "views/ref"),
         ("replay walk --expect nothing", "nothing"),
-        ("scene clean --set scene.cache_dir=.", "cache_dir"),
-        ("scene view views --row 0 --col 0 -o v.png --set scene.cache_dir=.", "cache_dir"),
         ("doctor --report notes.txt", "notes.txt"),
     ],
 )

@@ -62,7 +62,7 @@ def test_a_pack_holds_the_views_planar_and_the_disparity_and_is_made_once(
         seen.clear()
         return pack_scene(folder, scene_config, scores, lambda *report: seen.append(report))
 
-    assert cache.find_pack(folder, scene_config) is None
+    assert cache.packed(folder, scene_config) is None
     field = pack()
     assert np.array_equal(pictures(field), made.views(3, 3)) and not field.views.flags.writeable
     assert field.disparity is not None and field.disparity.shape == (1, 3, 3, 48, 64)
@@ -84,9 +84,6 @@ def test_a_pack_holds_the_views_planar_and_the_disparity_and_is_made_once(
         scene_config
     ) == []
     assert pack().name == "scene" and seen == []
-    os.utime(folder / "input_Cam004.png")
-    assert cache.find_pack(folder, scene_config) is None
-    assert pack().folder == field.folder and seen == [], "recognised by content"
     made.write(folder / "input_Cam004.png", made.views(3, 3)[0, 0])
     assert pack().folder != field.folder
 
@@ -204,15 +201,8 @@ def test_a_missing_view_is_made_from_the_nearest_and_told(
 
 
 def _other_version(pack: Path) -> None:
-    """Whole, with a checksum of its own."""
+    """Whole."""
     write_manifest(pack, attrs.evolve(read_manifest(pack), version=99))
-
-
-def _another_name(pack: Path) -> None:
-    """It would open as well as before: only the checksum tells."""
-    path = pack / "manifest.json"
-    path.write_text(path.read_text().replace('"name": "scene"', '"name": "scene, changed"'))
-    assert "scene, changed" in path.read_text()
 
 
 DAMAGES: dict[str, Callable[[Path], object]] = {
@@ -221,7 +211,6 @@ DAMAGES: dict[str, Callable[[Path], object]] = {
         for name in ("views.npy", "disparity.npy", "manifest.json")
     },
     "another version": _other_version,
-    "changed after the pack was made": _another_name,
     "cut": lambda pack: os.truncate(pack / "views.npy", 1000),
     "empty manifest": lambda pack: (pack / "manifest.json").write_text("{}"),
     **{
@@ -239,7 +228,7 @@ def test_a_damaged_pack_is_refused_and_made_again(
     for kind, damage in DAMAGES.items():
         damaged = shutil.copytree(pack, tmp_path / kind.replace("/", " "))
         damage(damaged)
-        with pytest.raises(DamagedPackError, match=kind if "changed" in kind else "."):
+        with pytest.raises(DamagedPackError, match="not a usable pack"):
             open_pack(damaged)
     assert open_pack(pack).complete
     os.truncate(pack / "views.npy", 1000)
@@ -252,7 +241,7 @@ def test_what_cannot_be_finished_leaves_nothing(folder: Path, scene_config: conf
     with pytest.raises(UserError, match=r"input_Cam008\.png.*truncated"):
         pack_scene(folder, scene_config)
     assert left_over(scene_config) == [] and cache.packs(scene_config) == []
-    assert cache.find_pack(folder, scene_config) is None
+    assert cache.packed(folder, scene_config) is None
 
 
 def test_a_pack_in_use_stays_until_nobody_has_it_open(
@@ -264,7 +253,7 @@ def test_a_pack_in_use_stays_until_nobody_has_it_open(
     assert not cache.remove(found) and open_pack(found).rows == 3
     del field
     assert cache.remove(found) and cache.packs(scene_config) == []
-    assert cache.sweep(scene_config) == 1  # its line in the index
+    assert cache.sweep(scene_config) == 0
     with pytest.raises(DamagedPackError, match="not a usable pack"):
         open_pack(found)
 
@@ -291,19 +280,6 @@ def test_the_first_picture_needs_the_views_in_the_middle_only(
     assert whole.folder == seen[0].folder and left_over(scene_config) == []
 
 
-@pytest.mark.parametrize("kind", NO_FILES)
-def test_an_entry_of_the_index_that_is_no_small_file_is_passed_over(
-    tmp_path: Path, scene_config: config.Scene, kind: str
-) -> None:
-    folder = made.write_grid(tmp_path / "scene", made.views(2, 2, 24, 32))
-    first = pack_scene(folder, scene_config)
-    entry = next((tmp_path / "cache" / "index").iterdir())
-    NO_FILES[kind](entry)
-    cache.sweep(scene_config)
-    if not entry.is_dir():
-        assert pack_scene(folder, scene_config).manifest.key == first.manifest.key
-
-
 def test_a_link_in_one_pack_hides_no_other(tmp_path: Path, scene_config: config.Scene) -> None:
     for name in ("a", "b"):
         pack_scene(
@@ -315,34 +291,13 @@ def test_a_link_in_one_pack_hides_no_other(tmp_path: Path, scene_config: config.
     assert len(cache.packs(scene_config)) == 2
 
 
-def test_only_packs_are_removed_and_a_folder_of_a_person_is_no_cache(
-    tmp_path: Path, scene_config: config.Scene
-) -> None:
-    mine = made.write_grid(tmp_path / "mine" / "scenes" / "boxes", made.views(2, 2, 24, 32))
-    theirs = config.Scene(cache_dir=str(tmp_path / "mine"))
-    for refused in (cache.packs, cache.sweep, cache.prepare_cache):
-        with pytest.raises(UserError, match="holds 'scenes/boxes'"):
-            refused(theirs)
-    with pytest.raises(UserError, match=r"scene\.cache_dir"):
-        pack_scene(mine, theirs)
-    (tmp_path / "home" / ".ssh").mkdir(parents=True)
-    with pytest.raises(UserError, match=r"holds '\.ssh'"):
-        pack_scene(mine, config.Scene(cache_dir=str(tmp_path / "home")))
-    assert len(list(mine.iterdir())) == 4 and [p.name for p in mine.parents[1].iterdir()] == [
-        "scenes"
-    ]
+def test_only_packs_are_removed(tmp_path: Path, scene_config: config.Scene) -> None:
+    mine = made.write_grid(tmp_path / "mine" / "boxes", made.views(2, 2, 24, 32))
     pack = Path(pack_scene(mine, scene_config).folder)
     (pack / "manifest.json").write_text("damaged")
-    for name in ("0" * 24, "1" * 24):  # look like a pack
-        (pack.with_name(name)).mkdir()
-    (pack.with_name("0" * 24) / "notes.txt").write_text("mine")
-    (pack.with_name("1" * 24) / "views.npy").mkdir()
+    (pack.with_name("notes")).mkdir()
     (pack.with_name("2" * 24)).symlink_to(mine)
-    (pack.parents[1] / "index" / "notes.txt").write_text("mine")
-    with pytest.raises(UserError, match="index/notes"):
-        cache.sweep(scene_config)
-    (pack.parents[1] / "index" / "notes.txt").unlink()
-    assert cache.sweep(scene_config) == 2, "the damaged pack and its entry"
-    assert sorted(path.name[:1] for path in pack.parent.iterdir()) == ["0", "1", "2"]
-    assert (pack.with_name("0" * 24) / "notes.txt").read_text() == "mine"
-    assert len(list(mine.iterdir())) == 4
+    (pack.parents[1] / "notes.txt").write_text("mine")
+    assert cache.sweep(scene_config) == 1, "the damaged pack"
+    assert sorted(path.name for path in pack.parent.iterdir()) == ["2" * 24, "notes"]
+    assert (pack.parents[1] / "notes.txt").exists() and len(list(mine.iterdir())) == 4

@@ -25,7 +25,6 @@ from lfpipe.scene.open_scene import (
     open_scene,
     pack_until_shown,
 )
-from lfpipe.scene.pack import open_pack
 from tests.scene import made
 from tests.support.world import runs, until
 
@@ -84,12 +83,14 @@ def test_a_killed_packer_leaves_a_pack_that_the_next_completes(
         packing.wait()
         with pytest.raises(UserError, match="signal 9"):
             packing.result()
-    found = cache.find_pack(folder, scene_config)
-    assert found is not None and not open_pack(found).complete
+    unfinished = cache.packed(folder, scene_config)
+    assert unfinished is not None and not unfinished.complete
+    found = unfinished.folder
+    del unfinished
     for name in ("disparity.npy", "interim.npy"):
-        (found / name).write_bytes(b"half a file")
+        Path(found, name).write_bytes(b"half a file")
     field = open_scene(folder, scene_config)
-    assert field.complete and field.folder == str(found) and field.disparity is not None
+    assert field.complete and field.folder == found and field.disparity is not None
     assert np.array_equal(field.views[0].transpose(0, 1, 3, 4, 2), made.views(3, 3))
 
 
@@ -160,10 +161,9 @@ def test_the_packer_ends_with_its_parent(folder: Path, scene_config: config.Scen
 
 
 def test_who_waits_for_another_packer_says_so(folder: Path, scene_config: config.Scene) -> None:
-    field = open_scene(folder, scene_config)
-    os.utime(folder / "input_Cam000.png")  # the key is found by content, under the lock
+    locks = cache.prepare_cache(scene_config) / "locks"
     with (
-        waited_for(Path(scene_config.cache_dir) / "locks" / field.manifest.key, lambda: None),
+        waited_for(locks / cache.key_of(folder, scene_config), lambda: None),
         closing(Packing(PackerRequest(scenes=[folder], settings=scene_config))) as packing,
     ):
         packing.wait(lambda: packing.step.startswith("waiting"))

@@ -18,7 +18,7 @@ from lfpipe.host.files import exists
 from lfpipe.render.display.overlay import Event, Item, Menu, Overlay
 from lfpipe.render.ui.notices import Notices, viewer_kind
 from lfpipe.render.ui.pages import Page
-from lfpipe.scene.cache import cache_root
+from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.recent_scenes import forget_scene
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
@@ -212,7 +212,7 @@ class ScenePage(Page):
 
     def _is_own(self, scene: str) -> bool:
         """Whether a scene is of our own making: it is always there."""
-        return Path(scene).is_relative_to(cache_root(self._context.config.scene))
+        return Path(scene).is_relative_to(cache_dir(self._context.config.scene))
 
     def take(self, event: Event) -> bool:
         """Delete takes a scene off the start page; the demos stay, and so do all files."""
