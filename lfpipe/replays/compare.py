@@ -1,9 +1,8 @@
 """Compares a run with a reference: the first difference, its cause, and pictures that show it.
 
 With the same versions on the same kind of processor, everything must be equal to the last bit.
-Otherwise, numbers may differ by the effect of different rounding (TOLERANCES; between x86 and ARM
-networks round more, MACHINE_PX), a whole view may flip where the eyes are within that of its
-boundary, and pictures may differ by invisible amounts (MIN_DB).
+Otherwise, numbers may differ by the effect of different rounding (TOLERANCES), and pictures by
+invisible amounts (MIN_DB).
 """
 
 import os
@@ -35,21 +34,13 @@ from lfpipe.replays.report import (
 )
 from lfpipe.sequence.packets import INDEX, Packets, decoded, encoded, read_index, read_packet
 
-VERSION_PX = 0.05  # of eyes
-TOLERANCES = {  # name in the trace -> (absolute, relative), where versions differ
-    "eyes_raw": (VERSION_PX, 1e-4),
-    "eyes_filtered": (VERSION_PX, 1e-4),
-    "eyes_used": (VERSION_PX, 1e-4),
-    "view": (0.01, 0.0),  # 1/5 of a px at the smallest alpha in use
-}
-MACHINE_PX = 0.1  # between x86-64 and ARM: 0.02 median, 0.08 at most were measured
-# of frames: eyes uncertain by 0.1 px are near a boundary of views 4 px wide; more is another map
-FLIPPED_SHARE = 0.05
+# name in the trace -> px or views, where versions differ: between x86-64 and ARM, eyes differed by
+# 0.02 px in the median and by at most 0.08
+TOLERANCES = {"eyes_raw": 0.1, "eyes_filtered": 0.1, "eyes_used": 0.1, "view": 0.01}
 MIN_DB = 50.0  # 0.8 levels root mean square: nobody sees that
 MAX_FIELDS = 20  # listed per part
 # of a scene; its name is that of a folder, which may be renamed
 SHAPE = ("frames", "rows", "cols", "height_px", "width_px")
-FLIP = "flip"
 CAUSES = {  # in the order of the pipeline: an earlier difference causes the later ones
     "face": (
         "tracking finds a face in other frames (lfpipe/track: engine, detector, choice of the face)"
@@ -103,7 +94,7 @@ class ComparedFrame:
     was: Line
     now: Line
     cause: str
-    """Name of their first difference in CAUSES, FLIP, or "" for none."""
+    """Name of their first difference in CAUSES, or "" for none."""
 
 
 @attrs.frozen
@@ -159,7 +150,7 @@ def compare(reference: Path, folder: Path, keeps: bool = True) -> Comparison:
     """
     was, now = read_report(reference), read_report(folder)
     check_reference(reference, now)
-    tolerance_px, versions = _tolerance(was["versions"], now["versions"])
+    versions = _other_versions(was["versions"], now["versions"])
     # a key that one of them does not know had its default's effect
     before, after = (
         dict(flat(attrs.asdict(Config()))) | dict(flat(report["config"])) for report in (was, now)
@@ -195,22 +186,19 @@ def compare(reference: Path, folder: Path, keeps: bool = True) -> Comparison:
                 "copy the whole folder again, or rewrite it with --update",
             )
     in_frames, notes = _compare_frames(
-        reference, folder, zip(lines_before, lines_now, strict=False), tolerance_px, keeps
+        reference, folder, zip(lines_before, lines_now, strict=False), bool(versions), keeps
     )
     return Comparison(differences + in_frames, ([versions] if versions else []) + notes)
 
 
-def _tolerance(was: dict[str, str], now: dict[str, str]) -> tuple[float, str]:
-    """The tolerance of eyes in px, 0 for the last bit, with the reason."""
+def _other_versions(was: dict[str, str], now: dict[str, str]) -> str:
+    """Why tolerances are used, for people; "" if everything must be equal to the last bit."""
     names = [name for name in sorted(was.keys() & now.keys()) if was[name] != now[name]]
-    if not names:
-        return 0.0, ""
     values = ", ".join(
         f"{name} {plain(str(was[name]), VALUE_CHARS)} in the reference, {now[name]} now"
         for name in names
     )
-    px = MACHINE_PX if "machine" in names else VERSION_PX
-    return px, f"compared with tolerances, not bit for bit: {values}"
+    return f"compared with tolerances, not bit for bit: {values}" if names else ""
 
 
 def _unequal(part: str, was: dict[str, Any], now: dict[str, Any]) -> list[Difference]:
@@ -223,25 +211,15 @@ def _unequal(part: str, was: dict[str, Any], now: dict[str, Any]) -> list[Differ
     return [Difference(part, text) for text in texts]
 
 
-def _first_difference(was: Line, now: Line, tolerance_px: float) -> str:
-    """The first name of CAUSES whose values differ by more than rounding, FLIP for a view at its
-    boundary, "" for none.
-    """
-    whole = now["method"] == "nearest"
+def _first_difference(was: Line, now: Line, tolerant: bool) -> str:
+    """The first name of CAUSES whose values differ by more than rounding, "" for none."""
     for name in CAUSES:
         if was.get(name) == now.get(name):
             continue
-        if name not in TOLERANCES or not tolerance_px:
+        if not (tolerant and name in TOLERANCES):
             return name
-        a, b = np.array(pair(was, name)), np.array(pair(now, name))
-        absolute, relative = TOLERANCES[name]
-        absolute *= tolerance_px / VERSION_PX
-        if name == "view" and whole:
-            near = np.abs(a - b).max() <= 1 and pair(was, "eyes_used") != pair(now, "eyes_used")
-            return FLIP if near else name
-        if not np.all(
-            np.abs(a - b) <= np.maximum(absolute, relative * np.maximum(np.abs(a), np.abs(b)))
-        ):
+        apart = np.subtract(pair(was, name), pair(now, name))
+        if not np.abs(apart).max() <= TOLERANCES[name]:
             return name
     return ""
 
@@ -250,25 +228,14 @@ def _compare_frames(
     reference: Path,
     folder: Path,
     lines: Iterable[tuple[Line, Line]],
-    tolerance_px: float,
+    tolerant: bool,
     keeps: bool,
 ) -> tuple[list[Difference], list[str]]:
     """The first difference of each part, frame by frame, and notes.
 
     lines: those of each frame, the reference's first.
     """
-    frames = [
-        ComparedFrame(was, now, _first_difference(was, now, tolerance_px)) for was, now in lines
-    ]
-    notes = list[str]()
-    if flips := sum(frame.cause == FLIP for frame in frames):
-        notes = [
-            f"views: {flips} of {len(frames)} flipped, with eyes within {tolerance_px:g} px of a"
-            " boundary"
-        ]
-    if flips > FLIPPED_SHARE * len(frames):
-        frames = [attrs.evolve(frame, cause=frame.cause.replace(FLIP, "view")) for frame in frames]
-        notes = []
+    frames = [ComparedFrame(was, now, _first_difference(was, now, tolerant)) for was, now in lines]
     differences = list[Difference]()
     for part in ("eyes", "views"):
         if changed := [frame for frame in frames if _PART_OF.get(frame.cause) == part]:
@@ -280,9 +247,8 @@ def _compare_frames(
                 f" {CAUSES[name]}; {len(changed)} of {len(frames)} frames"
             )
             differences.append(Difference(part, what, first.now["source_seq"]))
-    unflipped = [frame for frame in frames if frame.cause != FLIP]
-    pictures, note = _compare_pictures(reference, folder, unflipped, not tolerance_px, keeps)
-    return differences + pictures, note + notes
+    pictures, notes = _compare_pictures(reference, folder, frames, not tolerant, keeps)
+    return differences + pictures, notes
 
 
 def _sides(value: Any) -> str:
