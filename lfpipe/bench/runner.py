@@ -92,11 +92,9 @@ def opened(out: Path) -> dict[str, Results]:
         raise UserError(
             f"{out}: {error.strerror}", "choose another folder with --out DIR"
         ) from None
-    results, page = (out / name for name in FILES)
-    if exists(results):
+    if exists(out / FILES[0]):
         return read(out)
-    check_output(results)
-    check_output(page)
+    check_output(out / FILES[1])
     return {}
 
 

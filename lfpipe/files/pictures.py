@@ -297,7 +297,9 @@ def _known_header(path: Path, *_stamp: int) -> Header:
 def _pixels(image: ImageFile.ImageFile, header: Header) -> NDArray[np.uint8]:
     """The values of the frame on show, upright; over grey where they are transparent."""
     image.load()
-    mode = "RGBA" if header.alpha else "L" if header.grey else "RGB"
+    mode = "L" if header.grey else "RGB"
+    if header.alpha:
+        mode = "RGBA"
     size = image.height, image.width
     out = np.empty(size if header.grey else (*size, 3), np.uint8)
     for top in range(0, image.height, _STRIP_ROWS):
