@@ -171,17 +171,6 @@ def mosaic(grid: NDArray[Any]) -> NDArray[Any]:
     )
 
 
-def honeycomb(pitch_px: float, turned: bool = False) -> NDArray[np.uint8]:
-    """A raw picture of a plenoptic camera: lenslets in a honeycomb."""
-    y, x = np.mgrid[:420, :560].astype(np.float64)
-    x, y = (y, x) if turned else (x, y)
-    row = np.rint(y / (pitch_px * np.sqrt(3) / 2))
-    off_y = y - row * pitch_px * np.sqrt(3) / 2
-    off_x = (x + row % 2 * pitch_px / 2) % pitch_px - pitch_px / 2
-    lens = np.exp(-(off_x**2 + off_y**2) / (0.35 * pitch_px) ** 2)
-    return np.asarray(lens[..., None] * texture(420, 560, 4), np.uint8)
-
-
 TURNS = [GridTransform(*flags) for flags in product((False, True), repeat=3)]
 
 

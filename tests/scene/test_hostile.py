@@ -34,20 +34,17 @@ from lfpipe.host.limits import MemoryLimit
 from lfpipe.scene import layouts
 from lfpipe.scene.analysis import analyse_scene
 from lfpipe.scene.files import read_pfm
-from lfpipe.scene.layouts.named import hci_attributes
 from lfpipe.scene.packer import MEMORY_BYTES
 from lfpipe.scene.packing import pack_scene
 from tests.scene import made
-from tests.scene.test_pictures import PORTRAITS, mpo
+from tests.scene.test_pictures import PORTRAIT, mpo
 from tests.scene.writers import (
     HCI,
-    HCI_TEXT,
     Make,
     film,
     gif,
     grid,
     h5,
-    jpeg_pleno,
     one,
     stanford,
     together,
@@ -65,6 +62,7 @@ from tests.support.hostile_files import (
 CHECKOUT = Path(__file__).parents[2]
 GRID = made.views(3, 3, 32, 40)
 FRAME = made.mosaic(made.views(2, 3, 64, 80))
+FLAT = np.ones((32, 40), np.float32)
 DEPTH = 10 / (made.middle_disparity(32, 40) + 3)
 PARAMETERS = (
     "[extrinsics]\nnum_cams_x = 3\nnum_cams_y = 3\nbaseline_mm = 25\nfocus_distance_m = 4.25\n"
@@ -79,23 +77,14 @@ def hci(**parameters: str) -> Make:
     return together(grid(GRID, HCI, parameters_cfg=text), at("gt_disp_lowres.pfm", truth))
 
 
-def hci_text(
-    attributes: str = "3 //hRes\n3 //vRes\n.5 //dH\n3 //shift\n20 //focalLength\n",
-) -> Make:
-    depth = one("depth.bin", DEPTH.astype("<f4").tobytes())
-    return together(grid(GRID, HCI_TEXT, attributes_dat=attributes), depth)
-
-
 def old_hci(name: str = "lf.h5", values: np.ndarray = GRID[:, ::-1], **options: Any) -> Make:
     return h5(values, name, depth=DEPTH.astype(np.float32), **options)
 
 
 SCENES: dict[str, Make] = {
     "hci": hci(),
-    "hci-text": hci_text(),
     "hci-old": old_hci(),
     "stanford": stanford(GRID, "out_{r:02d}_{c:02d}_{y:.3f}_{x:.3f}_.png"),
-    "jpeg-pleno": jpeg_pleno(GRID.astype(np.uint16) * 4),
     "mat": together(
         lambda folder: scipy.io.savemat(folder / "a.mat", {"LF": GRID}, do_compression=True)
     ),
@@ -110,7 +99,7 @@ SCENES: dict[str, Make] = {
         for end, codec in (("mkv", "FFV1"), ("avi", "MJPG"), ("mp4", "mp4v"))
     },
     "numbered": grid(GRID[:1], "v{n}.png"),
-    **{f"{kind}.jpg": one("a.jpg", data) for kind, data in PORTRAITS.items()},
+    "portrait": one("a.jpg", PORTRAIT),
     "pair": one("a.mpo", mpo(GRID[0, 0], GRID[0, 1])),
     "wiggle": gif(GRID[0]),
 }
@@ -196,9 +185,8 @@ ATTACKS: dict[str, tuple[Make, str]] = {
     "many cameras": (hci(num_cams_x="10000"), "views"),
     "focus": (hci(focus_distance_m="nan"), "^$"),
     "far cameras": (stanford(GRID, "out_{r:02d}_{c:02d}_1e308_-1e308_.png"), "^$"),
-    "attributes": (hci_text("1e308 //dH\n1e308 //focalLength\n"), "^$"),
     "true disparity": (
-        hci_text("1 //dH\n1e-30 //focalLength\n3e8 //shift\n"),
+        together(hci(), at("gt_disp_lowres.pfm", partial(made.write, rgb=3e8 * FLAT))),
         r"up to 3e\+08 px",
     ),
     **{
@@ -434,4 +422,3 @@ def test_parsers_of_small_files(tmp_path_factory: pytest.TempPathFactory, body: 
         for parser in (read_pfm, read_picture):
             with contextlib.suppress(UserError):
                 parser(path)
-    hci_attributes(body.decode("latin-1"))

@@ -22,14 +22,12 @@ from lfpipe.scene.source import SceneSource
 from tests.scene import made
 from tests.scene.writers import (
     HCI,
-    HCI_TEXT,
     Make,
     below,
     files,
     film,
     grid,
     h5,
-    jpeg_pleno,
     numbered,
     one,
     stanford,
@@ -51,19 +49,6 @@ def described(path: Path, layout: str, scene: config.Scene = AUTO) -> SceneSourc
     source = layouts.describe(path, scene)
     assert source.layout == layout
     return source
-
-
-def text_export(focal: float) -> Make:
-    """As the old HCI sets are exported; depth.bin holds disparity where the focal length is 0."""
-    sizes = {"xRes": 80, "yRes": 64, "hRes": 3, "vRes": 3, "dH": 0.5, "shift": 3}
-    values = sizes | {"focalLength": focal}
-    text = "".join(f"{value:e} //{name}\n" for name, value in values.items()) + "junk\n"
-    depth = (TRUTH if focal == 0 else 10 / (TRUTH + 3)).astype("<f4").tobytes()
-    return together(
-        grid(SQUARE, HCI_TEXT, attributes_dat=text),
-        one("depth.bin", depth),
-        one("mask.png", np.full((64, 80), 255, np.uint8)),
-    )
 
 
 STANFORD = "out_{r:02d}_{c:02d}_{y:.6f}_{x:.6f}"
@@ -108,7 +93,6 @@ FORMS: dict[str, tuple[str, Make, np.ndarray]] = {  # layout, files, views in ca
         lambda f: h5py.File(f / "my.h5", "w").create_dataset("LF", data=SQUARE) and f,
         SQUARE,
     ),
-    "hci-text": ("hci-text", text_export(20.0), SQUARE),
     "stanford": ("stanford", stanford(GRID[::-1, ::-1]), GRID),
     "stanford, copies": (
         "stanford",
@@ -127,7 +111,6 @@ FORMS: dict[str, tuple[str, Make, np.ndarray]] = {  # layout, files, views in ca
     ),
     "quilt": ("quilt", one("a_qs4x3a1.25.png", made.mosaic(DOWNWARDS[::-1])), QUILT),
     "quilt without its name": ("mosaic", one("a.png", made.mosaic(DOWNWARDS[::-1])), QUILT),
-    "quilt downwards": ("mosaic", one("a.png", made.mosaic(DOWNWARDS)), QUILT),
     "rows-cols": ("rows-cols", grid(made.views(5, 5)), made.views(5, 5)),
     "rows-cols, every fourth": (
         "rows-cols",
@@ -136,7 +119,7 @@ FORMS: dict[str, tuple[str, Make, np.ndarray]] = {  # layout, files, views in ca
     ),
     **{
         f"numbered, {order}": ("numbered", numbered(walk(LARGE, order), "im_{:03d}.png"), LARGE)
-        for order in ("rows", "cols", "snake")
+        for order in ("rows", "cols")
     },
     "a line": ("numbered", numbered(LINE[0], "im_{:03d}.png"), LINE),
     "an upright line": ("numbered", numbered(UPRIGHT[:, 0], "im_{:03d}.png"), UPRIGHT),
@@ -163,54 +146,30 @@ def test_hci_with_geometry_and_truth_of_two_views(tmp_path: Path) -> None:
     assert np.array_equal(source.truth[1, 1](), TRUTH)
 
 
-@pytest.mark.parametrize("layout", ["hci", "hci-text", "stanford", "jpeg-pleno"])
+@pytest.mark.parametrize("layout", ["hci", "rows-cols", "stanford"])
 def test_views_that_are_missing_or_of_another_size_are_named(tmp_path: Path, layout: str) -> None:
     name = {
         "hci": HCI,
-        "hci-text": HCI_TEXT,
+        "rows-cols": "{r:03d}_{c:03d}.png",
         "stanford": "out_{r:02d}_{c:02d}_{r}_{c}_.png",
-        "jpeg-pleno": "{r:03d}_{c:03d}.png",
     }[layout]
-    texts = {"parameters_cfg": CFG.format(4, 4), "attributes_dat": "1 //dH\n"}
-    grid(made.views(4, 4, 64, 80), name, **texts)(tmp_path)
+    grid(made.views(4, 4, 64, 80), name, parameters_cfg=CFG.format(4, 4))(tmp_path)
     gone, odd = (tmp_path / name.format(r=r, c=c, n=4 * r + c) for r, c in ((1, 2), (2, 1)))
     gone.unlink()
     made.write(odd, GRID[0, 0, :-2])
     source = described(tmp_path, layout)
     assert (source.rows, source.cols, source.missing) == (4, 4, frozenset({(1, 2), (2, 1)}))
     assert (
-        "2 of 4x4 views missing, filled in from others: row 1 column 2, row 2 column 1"
-        in source.notes
+        "2 of 4x4 views missing, copied from others: row 1 column 2, row 2 column 1" in source.notes
     )
     assert any(f"{odd.name} (80x62 px)" in note for note in source.notes)
 
 
-@pytest.mark.parametrize(
-    ("layout", "make", "by"),
-    [
-        ("hci-text", text_export(0.0), None),
-        ("hci-text", text_export(20.0), None),
-        ("hci-old", h5(SQUARE[:, ::-1], depth=DEPTH), "layout"),
-        ("hci-old", h5(SQUARE, depth=DEPTH), "truth"),
-    ],
-)
-def test_truth_of_the_first_hci_data_set(
-    tmp_path: Path, layout: str, make: Make, by: str | None
-) -> None:
-    source = described(make(tmp_path), layout)
+@pytest.mark.parametrize(("step", "by"), [(-1, "layout"), (1, "truth")])
+def test_truth_of_the_first_hci_data_set(tmp_path: Path, step: int, by: str) -> None:
+    source = described(h5(SQUARE[:, ::step], depth=DEPTH)(tmp_path), "hci-old")
     assert np.allclose(source.truth[1, 1](), TRUTH, atol=1e-4)
-    assert by in (None, orient(source, AUTO).by)
-
-
-def test_jpeg_pleno_10_bit_dark_sides_and_missing_corners(tmp_path: Path) -> None:
-    inner = made.views(5, 5, 48, 64).astype(np.uint16) * 4
-    whole = in_the_dark(inner)
-    whole[1, 1] = 3
-    jpeg_pleno(whole, (0, 0), (0, 1), (1, 0), (0, 6), (5, 5))(tmp_path)
-    source = described(tmp_path, "jpeg-pleno")
-    assert (source.rows, source.cols, source.bit_depth) == (5, 5, 10)
-    assert source.missing == {(0, 0), (4, 4)}
-    assert np.array_equal(source.read(0, 2, 3), inner[2, 3])
+    assert orient(source, AUTO).by == by
 
 
 def write_mat(path: Path, views: np.ndarray, modern: bool, **more: Any) -> None:
@@ -260,31 +219,6 @@ def test_ways_to_pack_hdf5(tmp_path: Path, views: np.ndarray, options: dict[str,
         assert np.array_equal(read, views.reshape(read.shape))
 
 
-@pytest.mark.parametrize("suffix", ["png", "jpg"])
-@pytest.mark.parametrize(("line_px", "edge_px"), [(0, 0), (1, 0), (2, 2), (7, 7), (3, 40)])
-@pytest.mark.parametrize(("rows", "cols", "level"), [(3, 4, 255), (5, 2, 0), (1, 5, 128)])
-def test_lines_between_tiles_are_cut_away(
-    rows: int, cols: int, level: int, line_px: int, edge_px: int, suffix: str, tmp_path: Path
-) -> None:
-    grid = made.views(rows, cols, 90, 131)
-    height, width = (
-        (count - 1) * (size + line_px) + size + 2 * edge_px
-        for count, size in ((rows, 90), (cols, 131))
-    )
-    sheet = np.full((height, width, 3), level, np.uint8)
-    for r, c in np.ndindex(rows, cols):
-        top, left = edge_px + r * (90 + line_px), edge_px + c * (131 + line_px)
-        sheet[top : top + 90, left : left + 131] = grid[r, c]
-    made.write(tmp_path / f"sheet.{suffix}", sheet)
-    source = described(tmp_path / f"sheet.{suffix}", "mosaic")
-    assert (source.rows, source.cols) == (rows, cols)
-    assert abs(source.height_px - 90) + abs(source.width_px - 131) <= (0 if suffix == "png" else 8)
-    if suffix == "png":
-        assert all(
-            np.array_equal(source.read(0, r, c), grid[r, c]) for r, c in np.ndindex(rows, cols)
-        )
-
-
 @pytest.mark.parametrize(
     ("rows", "cols", "px"), [(9, 9, 96), (5, 7, 110), (15, 15, 64), (2, 3, 180)]
 )
@@ -308,21 +242,11 @@ def test_what_repeats_by_no_share_of_a_picture_is_no_mosaic() -> None:
     assert find_tiles(np.clip(wall, 0, 255).astype(np.uint8)) is None
 
 
-def test_find_tiles_ranks_what_the_name_and_the_pictures_say(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
+def test_a_grid_in_the_name_is_used_unless_the_picture_contradicts_it() -> None:
     picture = made.mosaic(made.views(4, 6, 90, 120))
-    caplog.set_level("INFO", "lfpipe.scene")
-    tiles = find_tiles(picture, "sheet_2x6")
-    assert tiles is not None
-    assert tiles.shape == (4, 6), "the picture contradicts the name"
-    caplog.clear()
-    tiles = find_tiles(picture, "sheet_4x6")
-    assert tiles is not None
-    assert tiles.shape == (4, 6)
-    _, first, second = caplog.text.splitlines()[-3:]
-    assert "4x6, by the name" in first
-    assert "4x6, by likeness along both axes" in second
+    for name, expected in (("sheet_2x6", (4, 6)), ("sheet_4x6", (4, 6))):
+        tiles = find_tiles(picture, name)
+        assert tiles is not None and tiles.shape == expected
 
 
 @pytest.mark.parametrize(

@@ -93,7 +93,7 @@ def test_coordinates_give_the_turn_and_the_jitter(
 SCENES = {
     "atlas_jarabo_toys_9x9": ("mosaic", 9, 9, GridTransform()),
     "hci_antinous": ("hci", 9, 9, GridTransform()),
-    "hci_old_stillLife_3x3": ("hci-text", 3, 3, GridTransform()),
+    "hci_old_stillLife_3x3": ("rows-cols", 3, 3, GridTransform()),
     "hci_style_vr_newshot01": ("hci", 9, 9, GridTransform()),
     "hci_old_monasroom_2x2": ("rows-cols", 2, 2, GridTransform()),
     "lfvideo_airplane_8x8": ("mosaic-video", 8, 8, GridTransform()),

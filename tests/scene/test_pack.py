@@ -25,7 +25,7 @@ from lfpipe.scene.pack import DamagedPackError, open_pack, read_manifest, write_
 from lfpipe.scene.packing import pack_scene
 from tests.scene import made
 from tests.scene.people_sets import far_pair
-from tests.scene.writers import Make, files, grid, h5, jpeg_pleno, numbered, one
+from tests.scene.writers import Make, files, grid, h5, numbered, one
 from tests.support.hostile_files import NO_FILES, at
 
 
@@ -111,6 +111,15 @@ def test_threads_that_change_places_anywhere_write_a_pack(
 VIEWS = made.views(3, 3)
 GREY = np.repeat(made.views(4, 4, 48, 64)[..., :1], 3, axis=-1)
 DEEP = GREY.astype(np.uint16) * 4
+
+
+def write_deep(folder: Path) -> Path:
+    """Views of 10 bits."""
+    for r, c in np.ndindex(DEEP.shape[:2]):
+        made.write_ppm(folder / f"{r:03d}_{c:03d}.ppm", DEEP[r, c], 1023)
+    return folder
+
+
 ONE_COLOURED = GREY.copy()
 ONE_COLOURED[1, 1, 5, 5] = (1, 2, 3)  # not among the views looked at first
 FILM = [made.mosaic(made.views(2, 3, 64, 80, near)) for near in (2.0, 1.5)]
@@ -146,8 +155,8 @@ PACKS: dict[str, tuple[Make, dict[str, Any], dict[str, Any], np.ndarray | None]]
         VIEWS,
     ),
     "10 bits of grey, with gamma": (
-        jpeg_pleno(DEEP),
-        {"gamma": 2.0},
+        write_deep,
+        {"gamma": 2.0, "flip": "none", "transpose": "no"},
         {"channels": 1, "manifest.bit_depth": 10, "manifest.gamma": 2.0},
         np.rint(255 * np.sqrt(DEEP[..., :1] / 1023)),
     ),
@@ -192,7 +201,7 @@ def test_a_missing_view_is_made_from_the_nearest_and_told(
     views = made.views(5, 5)
     folder = made.without(made.write_grid(tmp_path, views), f"view_{row:02d}_{row:02d}.png")
     field = pack_scene(folder, attrs.evolve(scene_config, flip="none"))
-    told = f"1 of 5x5 views missing, filled in from others: row {row} column {row}"
+    told = f"1 of 5x5 views missing, copied from others: row {row} column {row}"
     assert any(told in note for note in field.manifest.notes)
     assert np.argwhere(~field.present).tolist() == [[row, row]]
     filled, beside = pictures(field)[row, row : row + 2].astype(float)

@@ -2,7 +2,6 @@
 and what none of them is.
 """
 
-import base64
 import io
 from pathlib import Path
 
@@ -16,7 +15,6 @@ from lfpipe.errors import UserError
 from lfpipe.scene import layouts, video
 from lfpipe.scene.analysis import analyse_scene
 from lfpipe.scene.layouts import stereo
-from lfpipe.scene.layouts.plenoptic import is_honeycomb
 from lfpipe.scene.missing_views import warped_disparity, warped_view
 from lfpipe.scene.orientation import orient
 from tests.scene import heic, made
@@ -74,7 +72,6 @@ OTHER = made.texture(192, 256, 3)
 PAIRS: dict[str, Make] = {
     "left, right": files(room_left_png=LEFT, room_right_png=RIGHT),
     "L, R": files(L_jpg=LEFT, R_jpg=RIGHT),
-    "gauche, droite": files(gauche_jpg=LEFT, droite_jpg=RIGHT),
     "Middlebury": files(
         im2_png=LEFT, im6_png=RIGHT, disp2_png=OTHER, disp6_png=OTHER, im3_png=OTHER
     ),
@@ -252,7 +249,6 @@ def test_a_depth_map_is_read_as_what_stands_lower_is_nearer(
 
 
 XMP = b"http://ns.adobe.com/xap/1.0/\0"
-MORE = b"http://ns.adobe.com/xmp/extension/\0" + b"0" * 32
 
 
 def with_segments(data: bytes, *bodies: bytes) -> bytes:
@@ -261,21 +257,6 @@ def with_segments(data: bytes, *bodies: bytes) -> bytes:
         + b"".join(b"\xff\xe1" + (len(body) + 2).to_bytes(2) + body for body in bodies)
         + data[2:]
     )
-
-
-def gdepth(kind: bytes = b"RangeInverse") -> bytes:
-    """As Google's camera wrote it: the map in extended XMP, in parts."""
-    code = base64.b64encode(cv2.imencode(".png", FAR_WHITE)[1].tobytes())
-    main = (
-        XMP
-        + b'<x GDepth:Format="'
-        + kind
-        + b'" GDepth:Near="1.0" GDepth:Far="3.0" GDepth:Mime="image/png"/>'
-    )
-    whole = b'<x GDepth:Data="' + code + b'"/>'
-    starts = reversed(range(0, len(whole), 500))
-    parts = [MORE + len(whole).to_bytes(4) + at.to_bytes(4) + whole[at : at + 500] for at in starts]
-    return with_segments(jpeg(PICTURE), main, *parts)
 
 
 def dynamic_depth() -> bytes:
@@ -290,48 +271,27 @@ def dynamic_depth() -> bytes:
     return with_segments(jpeg(PICTURE), XMP + listed.encode()) + depth + video
 
 
-PORTRAITS = {
-    "GDepth": gdepth(),
-    "GDepth, linear": gdepth(b"RangeLinear"),
-    "Dynamic Depth": dynamic_depth(),
-}
+PORTRAIT = dynamic_depth()
 
 
-@pytest.mark.parametrize("kind", PORTRAITS)
-def test_a_portrait_with_depth_becomes_views(tmp_path: Path, kind: str) -> None:
-    source = layouts.describe(one("PORTRAIT_20260704.jpg", PORTRAITS[kind])(tmp_path), AUTO)
+def test_a_portrait_with_depth_becomes_views(tmp_path: Path) -> None:
+    source = layouts.describe(one("PORTRAIT_20260704.jpg", PORTRAIT)(tmp_path), AUTO)
     assert (source.layout, source.rows, source.cols) == ("rgbd", 5, 9)
     assert np.abs(source.read(0, 2, 4).astype(int) - PICTURE).mean() < 3
     assert np.corrcoef(source.truth[2, 4]().ravel(), DISPARITY.ravel())[0, 1] > 0.95
     # with its depth
-    turned = layouts.describe(one("turned.jpg", with_exif(PORTRAITS[kind], 6))(tmp_path), AUTO)
+    turned = layouts.describe(one("turned.jpg", with_exif(PORTRAIT, 6))(tmp_path), AUTO)
     upright = source.truth[2, 4]() / source.width_px
     assert np.allclose(turned.truth[2, 4]() / turned.width_px, np.rot90(upright, -1), atol=1e-4)
 
 
-@pytest.mark.parametrize("back", [False, True])
-def test_a_wiggle_opens_as_a_line_of_views(tmp_path: Path, back: bool) -> None:
+def test_a_wiggle_opens_as_a_line_of_views(tmp_path: Path) -> None:
     line = made.views(1, 7, 96, 128, 3.0, 0.5)[0]
-    frames = [frame[..., ::-1] for frame in ([*line, *line[-2:0:-1]] if back else line)]
-    first, *more = map(Image.fromarray, np.ascontiguousarray(np.array(frames)[..., ::-1]))
+    first, *more = map(Image.fromarray, line)
     first.save(tmp_path / "wiggle.gif", save_all=True, append_images=more, duration=100)
     source = layouts.describe(tmp_path, AUTO)
     assert (source.layout, source.rows, source.cols) == ("gif", 1, 7)
     assert np.abs(source.read(0, 0, 6).astype(int) - line[6]).mean() < 12  # 256 colours
-
-
-def test_raw_plenoptic_pictures_are_honeycombs_and_photographs_are_not() -> None:
-    assert is_honeycomb(made.honeycomb(10.0)) and is_honeycomb(made.honeycomb(14.3, True))
-    faces = made.SAMPLES.parent / "faces" / "no_face"
-    pictures = [made.read(path) for path in sorted(faces.glob("*.jpg"))] + [
-        made.texture(300, 400, k) for k in range(3)
-    ]
-    pictures += [np.full((300, 400, 3), 5, np.uint8), np.zeros((48, 64, 3), np.uint8)]
-    pictures += [
-        np.tile(line, (300, 1)).astype(np.uint8)
-        for line in (np.arange(400) % 20 * 10, np.arange(400) / 2)
-    ]
-    assert not any(is_honeycomb(picture) for picture in pictures)
 
 
 @pytest.mark.parametrize("keep", [0.2, 0.6, 0.98])

@@ -135,7 +135,7 @@ def test_jpegs_open_whatever_their_ending(tmp_path: Path, ending: str) -> None:
 
 def test_kinds_that_are_not_read_are_named_with_a_way_out(tmp_path: Path) -> None:
     for name, data, word in (
-        ("a.tga", b"\0\0\2", "format that lfpipe does not decode"),
+        ("a.tga", b"\0\0\2", "lfpipe reads PNG"),
         ("a.jpg", b"\xff\x0a" + bytes(40), "JPEG XL"),
         ("a.png", b"<!DOCTYPE html>" + bytes(40), "web page"),
         ("a.tif", b"%PDF-1.4" + bytes(40), "PDF"),

@@ -18,18 +18,13 @@ from tests.support.films import write_film
 Pictures = NDArray[np.uint8]
 Make = Callable[[Path], Path]
 HCI = "input_Cam{n:03d}.png"
-HCI_TEXT = "lf/{r:02d}_{c:02d}.png"
 
 
 def walk(grid: Pictures, order: str = "rows") -> list[Pictures]:
-    """The views of a grid row by row; or "cols", or as a "snake"."""
+    """The views of a grid row by row; or "cols"."""
     if order == "cols":
         return [view for col in grid.swapaxes(0, 1) for view in col]
-    return [
-        view
-        for r, row in enumerate(grid)
-        for view in (row[::-1] if order == "snake" and r % 2 else row)
-    ]
+    return [view for row in grid for view in row]
 
 
 def grid(
@@ -162,17 +157,6 @@ def stanford(
             down, across = (c, r) if turned else (r, c)
             at = {"y": y_mm * down - 300, "x": x_mm * across + 1100}
             made.write(folder / name.format(r=r, c=c, **at), views[r, c])
-        return folder
-
-    return make
-
-
-def jpeg_pleno(values: NDArray[np.uint16], *gone: tuple[int, int]) -> Make:
-    """Views of 10 bits, but those that are gone."""
-
-    def make(folder: Path) -> Path:
-        for r, c in set(np.ndindex(values.shape[:2])) - set(gone):
-            made.write_ppm(folder / f"{r:03d}_{c:03d}.ppm", values[r, c], 1023)
         return folder
 
     return make

@@ -6,8 +6,6 @@ import importlib
 import math
 import os
 import pkgutil
-from collections import Counter
-from pathlib import Path
 from typing import Any
 
 import attrs
@@ -16,17 +14,17 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.files.pictures import open_header, read_picture
-from lfpipe.host.machine import install_command
+from lfpipe.files.pictures import open_header
 from lfpipe.plugins import LAYOUTS, Guarded, PluginError, Results, array, loaded, skipped
 from lfpipe.scene.files import HOLDS_ALL, Listing, is_picture, library_errors, list_scene
-from lfpipe.scene.layouts._candidates import Candidate, ranked
 from lfpipe.scene.layouts._folders import inner_listing, note_of
 from lfpipe.scene.layouts._grid import GRID_REMEDY, parse_grid, some
-from lfpipe.scene.layouts._tiles import single_picture
-from lfpipe.scene.layouts.plenoptic import is_honeycomb
 from lfpipe.scene.source import Layout, SceneSource
 
+READABLE = (
+    "lfpipe reads PNG, JPEG, PPM, BMP, TIFF, WebP, AVIF, GIF, .npy, .npz, .mat, .h5 and videos, and"
+    " .heic with the extra `heic`"
+)
 RESULTS: Results = {"detect": int | None, "describe": SceneSource}
 
 
@@ -95,85 +93,6 @@ def _described_by_any(
             return attrs.evolve(source, notes=(*source.notes, *failed))
 
 
-_CONVERTED = {  # files that other programs convert to pictures, by suffix
-    (".lfp", ".lfr", ".lfx"): (
-        "a raw picture of a Lytro camera",
-        "decode it with PlenoptiCam or LFToolbox and give the folder of its views",
-    ),
-    (".heic", ".heif"): (
-        "a HEIC picture, which needs another package",
-        (
-            f"{install_command('pillow-heif')}; or run `heif-convert FILE.heic FILE.jpg` in an"
-            " empty folder and give that folder: it writes two files for a spatial photo and, with"
-            " --with-aux, the depth of a portrait"
-        ),
-    ),
-    (".jxl", ".jp2", ".j2k", ".psd", ".xcf", ".exr", ".hdr", ".tga", ".pcx", ".sgi", ".svg"): (
-        "a picture in a format that lfpipe does not decode",
-        "export it as PNG or JPEG, and give that",
-    ),
-    (".cr2", ".cr3", ".nef", ".arw", ".dng", ".raf", ".orf", ".rw2"): (
-        "a camera's raw picture",
-        (
-            "develop it with the camera's program, darktable or RawTherapee, and give the folder of"
-            " JPEGs or TIFFs"
-        ),
-    ),
-    (".zip", ".tar", ".gz", ".rar", ".7z"): ("an archive", "unpack it and give the folder"),
-}
-_BESIDE = (  # files that accompany views without describing them
-    ".txt",
-    ".md",
-    ".cfg",
-    ".ini",
-    ".json",
-    ".xml",
-    ".xmp",
-    ".csv",
-    ".dat",
-    ".yaml",
-    ".yml",
-    ".toml",
-    ".log",
-    ".db",
-    ".html",
-    ".pdf",
-    ".py",
-    ".pfm",
-    ".bin",
-    ".npy",
-    ".exif",
-    ".aae",
-    ".bak",
-    *(end for ends in _CONVERTED for end in ends),
-)
-
-
-def _require_pictures(listing: Listing, certain: bool) -> None:
-    """Raises UserError if most files must be converted first, or (unless certain) have a format
-    that lfpipe does not read.
-    """
-    pictures = listing.pictures()
-    for ends, (what, remedy) in _CONVERTED.items():
-        such = [name for name in listing.names if name.lower().endswith(ends)]
-        if such and not pictures and 2 * len(such) >= len(listing.names):
-            raise UserError(f"{listing.file(such[0])}: {what}", remedy)
-    kinds = Counter(
-        Path(name).suffix.lower()
-        for name in set(listing.names).difference(pictures)
-        if not name.lower().endswith(_BESIDE)
-    )
-    kind, count = kinds.most_common(1)[0] if kinds else ("", 0)
-    if count > max(3, len(pictures)) and not certain:
-        some = ", ".join([name for name in listing.names if Path(name).suffix.lower() == kind][:3])
-        remedy = f"; {pictures[0]} alone: give {listing.folder / pictures[0]}" if pictures else ""
-        raise UserError(
-            f"{listing.path}: {count} of {len(listing.names)} files have a format that lfpipe"
-            f" does not read: {some}, ...",
-            f"convert them to PNG and give their folder{remedy}",
-        )
-
-
 def _source_of(known: dict[str, Layout], given: Listing, scene: config.Scene) -> SceneSource:
     """The scene by the most specific layout that matches, else the pictures in subfolders.
 
@@ -187,17 +106,14 @@ def _source_of(known: dict[str, Layout], given: Listing, scene: config.Scene) ->
     if inner is not None:
         listing = inner
         mark, layout = _match(tries, inner)
-    certain = (
-        scene.layout != "auto" or mark >= 80 or listing.is_file or scene.force or layout is None
-    )
-    _require_pictures(listing, certain)
-    layout = (
-        known[scene.layout]
-        if scene.layout != "auto"
-        else _checked(known, mark, layout, listing, scene)
-    )
+    if scene.layout != "auto":
+        layout = known[scene.layout]
+    elif layout is known["picture"] and math.prod(parse_grid(scene.grid) or (1,)) > 1:
+        layout = known["mosaic"]
+    if layout is None:
+        raise _not_recognised(listing)
     source = layout.describe(listing, scene)
-    source = attrs.evolve(source, notes=(*source.notes, *_unused(source)))
+    source = attrs.evolve(source, notes=(*source.notes, *_unused(listing, source)))
     if isinstance(layout, Guarded):  # a plug-in
         source = _guarded_source(layout, source)
     if inner is not None:
@@ -207,10 +123,24 @@ def _source_of(known: dict[str, Layout], given: Listing, scene: config.Scene) ->
     return source
 
 
-def _unused(source: SceneSource) -> list[str]:
-    """Notes of what the pictures of a scene hold besides what is shown."""
+def _not_recognised(listing: Listing) -> UserError:
+    """The error for a scene that no layout matches."""
+    remedy = f"give the folder of the views, or one file that contains them; {READABLE}"
+    if single := [name for name in listing.names if name.lower().endswith(HOLDS_ALL)]:
+        remedy = f"give {listing.folder / single[0]}"
+    elif listing.pictures():
+        remedy = GRID_REMEDY
+    names = some(listing.names or listing.folders, 3)
+    return UserError(f"{listing.path}: no layout of a light field was recognised ({names})", remedy)
+
+
+def _unused(listing: Listing, source: SceneSource) -> list[str]:
+    """Notes of what a folder, and the pictures of a scene, hold besides what is shown."""
     headers = {path.name: open_header(path) for path in source.files if is_picture(path)}
     notes = []
+    if source.layout == "picture" and not listing.is_file and len(listing.names) > 1:
+        others = [name for name in listing.names if name not in headers]
+        notes.append(f"one picture is shown; not read: {some(others)}; {READABLE}")
     if clear := [name for name, header in headers.items() if header.alpha]:
         notes.append(f"transparent parts are shown over grey: {some(clear)}")
     holding = [
@@ -244,48 +174,15 @@ def _match(tries: list[Layout], listing: Listing) -> tuple[int, Layout | None]:
     """The layout that matches most specifically, with its mark; (0, None) if none matches. Raises
     UserError if none matches because a file is unreadable.
     """
-    marks = []
+    best: tuple[int, Layout | None] = 0, None
     unreadable: UserError | None = None
     for layout in tries:
         try:
-            if mark := layout.detect(listing):
-                marks.append(Candidate(what=layout.NAME, score=mark, value=layout))
+            mark = layout.detect(listing) or 0
         except UserError as error:
             unreadable = error
-    order = ranked(f"the layout of {listing.path}", marks)
-    if unreadable is not None and not order:
+        else:
+            best = max(best, (mark, layout), key=lambda match: match[0])
+    if unreadable is not None and best[1] is None:
         raise unreadable
-    return (int(order[0].score), order[0].value) if order else (0, None)
-
-
-def _checked(
-    known: dict[str, Layout],
-    mark: int,
-    layout: Layout | None,
-    listing: Listing,
-    scene: config.Scene,
-) -> Layout:
-    """The layout of a scene. Raises UserError if there is none, or for a raw plenoptic picture."""
-    if layout is known["picture"] and math.prod(parse_grid(scene.grid) or (1,)) > 1:
-        return known["mosaic"]  # set by the user: its tiles differ from each other, or are resized
-    if layout is None:
-        names = listing.names or listing.folders
-        some = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
-        remedy = "give the folder of the views, or one file that contains them all by its own path"
-        if single := [name for name in listing.names if name.lower().endswith(HOLDS_ALL)]:
-            remedy = f"give {listing.folder / single[0]}"
-        if listing.pictures():
-            remedy = GRID_REMEDY
-        raise UserError(
-            f"{listing.path}: no layout of a light field was recognised ({some})", remedy
-        )
-    path = single_picture(listing) if mark < 90 else None  # formats of 90 identify themselves
-    if path is None or not is_honeycomb(read_picture(path)[0]):
-        return layout
-    if not scene.force:
-        raise UserError(
-            f"{path}: is a raw picture of a plenoptic camera, a honeycomb of lenslets",
-            "decode it with PlenoptiCam or LFToolbox and give the folder of its views; --set"
-            " scene.force=true shows it flat",
-        )
-    return known["picture"]
+    return best

@@ -2,27 +2,29 @@
 files.
 """
 
+import contextlib
 import re
-from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
-from functools import cache, lru_cache
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import attrs
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import MAX_DECODING_BYTES, Header, open_header, read_picture, small_grey
-from lfpipe.scene.files import MAX_FILES, Listing, stem_of
-from lfpipe.scene.layouts._names import MAX_SIDE, NumberedNames, placed, read_names, spaced
-from lfpipe.scene.layouts._order import motion_order
-from lfpipe.scene.layouts._running import MAX_PICTURES, Running, lay_out, reduced
+from lfpipe.files.safe_files import open_file
+from lfpipe.scene.files import MAX_FILES, Listing
+from lfpipe.scene.layouts._names import MAPS, MAX_SIDE, NumberedNames, placed, read_names, spaced
+from lfpipe.scene.layouts._running import Running, find_columns, reduced
 from lfpipe.scene.source import GridTransform, SceneSource, ViewIndex
 
-LOSSY = (".jpg", ".jpeg", ".webp", ".avif", ".gif")
 MIN_VIEW_PX = 12  # side of a view: a smaller one shows nothing
+_EXIF, _TAKEN, _TAKEN_FRACTION = 0x8769, 0x9003, 0x9291  # EXIF's tags
 _SMALL_PX = 256  # side of pictures compared to find the columns of a running number
 GRID_REMEDY = (
     "state the grid: `lfpipe scene describe FOLDER --grid ROWSxCOLS`; or name the views"
@@ -70,17 +72,6 @@ def require_view(height: int, width: int, sample_bytes: int, what: str) -> None:
         )
 
 
-def true_max(values: list[int], full: int) -> int:
-    """The full-scale value of 16-bit files that may hold 10, 12 or 14 bits, by the largest value of
-    some views.
-    """
-    return (
-        full
-        if full != 65535
-        else next((top for top in (1023, 4095, 16383) if max(values) <= top), full)
-    )
-
-
 def some(names: Sequence[str], most: int = 4) -> str:
     """The first names of a list, and the number of the others."""
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
@@ -115,15 +106,6 @@ def files_source(
                     f"{files[place]}: has {kinds[name]}, but {like} has {usual}",
                     "export it again: every view of a light field has the same size and depth",
                 )
-    full = first.max_value
-    if full == 65535:
-        full = true_max(
-            [
-                int(read_picture(files[place])[0].max())
-                for place in {min(files), middle, max(files)}
-            ],
-            full,
-        )
 
     def read(frame: int, row: int, col: int) -> NDArray[Any]:
         pixels, _ = read_picture(files[row, col])
@@ -144,42 +126,22 @@ def files_source(
         read=read,
         height_px=first.height_px,
         width_px=first.width_px,
-        max_value=full,
+        max_value=first.max_value,
         missing=missing,
-        small=(
-            None
-            if full != first.max_value
-            else lambda row, col, most_px: small_grey(files[row, col], most_px)
-        ),
+        small=lambda row, col, most_px: small_grey(files[row, col], most_px),
         **more,
     )
 
 
-@lru_cache(maxsize=2)
-def _one_per_stem(listing: Listing) -> tuple[str, ...]:
-    """The pictures of a folder, one per stem: of a view in several formats, the stereo pair, then
-    the one in colour, then the lossless one.
-    """
-    stems: defaultdict[str, list[str]] = defaultdict(list)
-    for name in listing.pictures():
-        stems[stem_of(name)].append(name)
-
-    def rank(name: str) -> tuple[bool, bool, bool]:
-        try:
-            header = open_header(listing.file(name))
-            return not header.holds_pair, header.grey, name.lower().endswith(LOSSY)
-        except UserError:
-            return True, True, True
-
-    return tuple(min(names, key=rank) if len(names) > 1 else names[0] for names in stems.values())
-
-
 def named_views(listing: Listing) -> NumberedNames | None:
     """The interpretation of the names of a folder's pictures; None if they are not numbered."""
-    return read_names(_one_per_stem(listing))
+    # of a stereo camera's pairs and their flat twins, the pairs
+    return read_names(
+        tuple(sorted(listing.pictures(), key=lambda n: not n.lower().endswith(".mpo")))
+    )
 
 
-def _headers(listing: Listing, names: Sequence[str]) -> tuple[dict[str, Header], set[str]]:
+def _headers(listing: Listing, names: Collection[str]) -> tuple[dict[str, Header], set[str]]:
     """The headers of pictures, and the names of the few whose size differs from the rest. Raises
     UserError if they are scenes of their own.
     """
@@ -211,23 +173,20 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
             " numbers"
         )
         raise UserError(what, GRID_REMEDY)
-    headers, odd = _headers(listing, list(numbered.views.values()))
+    headers, odd = _headers(listing, numbered.views.values())
     if odd:
-        numbered = (
-            read_names(tuple(name for name in _one_per_stem(listing) if name not in odd))
-            or numbered
-        )
-    if runs and not numbered.runs:
-        line = {
-            (0, position): name for position, (_, name) in enumerate(sorted(numbered.views.items()))
-        }
-        numbered = attrs.evolve(numbered, views=line, rows=1, cols=len(line), runs=True, doubt="")
+        usual = tuple(name for name in listing.pictures() if name not in odd)
+        numbered = read_names(usual) or numbered
     if not runs and numbered.runs:
         what = f"{listing.path}: the names contain one running number, not row and column"
         raise UserError(what, "use --set scene.layout=numbered")
     grid = parse_grid(scene.grid)
-    note = ""
-    if not runs and grid not in (None, (numbered.rows, numbered.cols)):
+    if runs:
+        run, views, note = _laid_out(listing, numbered, grid)
+        doubt = run.doubt
+        numbered = attrs.evolve(numbered, views=views, rows=run.rows, cols=run.cols)
+        return _views_source(layout, listing, numbered, headers, note, certain=False, doubt=doubt)
+    if grid not in (None, (numbered.rows, numbered.cols)):
         wrong = (
             f"the names give a grid of {numbered.rows}x{numbered.cols}, but scene.grid is"
             f" {scene.grid}"
@@ -238,58 +197,52 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
             if grid is not None and grid[0] * grid[1] == len(numbered.views)
             else "leave out scene.grid",
         )
-    if runs and not numbered.clashes:
-        numbered, note = _laid_out(listing, numbered, grid)
-    return _views_source(layout, listing, numbered, headers, note, certain=False)
+    return _views_source(layout, listing, numbered, headers, certain=False)
+
+
+def _taken(path: Path) -> str:
+    """When a photograph was taken, as its EXIF states it; "" if unknown."""
+    with (
+        contextlib.suppress(Exception),  # of any parser
+        open_file(path) as file,
+        Image.open(file, formats=("JPEG", "HEIF")) as image,
+    ):
+        exif = image.getexif().get_ifd(_EXIF)
+        return f"{exif[_TAKEN]}.{exif.get(_TAKEN_FRACTION, '')}"
+    return ""
 
 
 def _laid_out(
     listing: Listing, numbered: NumberedNames, grid: ViewIndex | None
-) -> tuple[NumberedNames, str]:
-    """Views of a running number in their grid, with a note on how that was found. Raises
-    UserError.
+) -> tuple[Running, dict[ViewIndex, str], str]:
+    """How views of a running number fill their grid, their places, and a note on how that was
+    detected. Raises UserError.
     """
-    names = {col: name for (_, col), name in numbered.views.items()}
+    if numbered.runs:
+        names = {col: name for (_, col), name in numbered.views.items()}
+    else:  # row and column, which the user's layout ignores
+        names = dict(enumerate(numbered.views[place] for place in sorted(numbered.views)))
+    if not grid:
+        taken = {name: time for name in names.values() if (time := _taken(listing.file(name)))}
+        by_time = sorted(names.values(), key=lambda name: taken.get(name, ""))
+        if len(taken) == len(names) and by_time != list(names.values()):
+            note = (
+                "the views are in the order of the times at which they were taken, not in that of"
+                f" their names: {some(by_time)}; --set scene.grid=1x{len(names)} takes the names'"
+                " order"
+            )
+            line = Running(rows=1, cols=len(names))
+            return line, {(0, at): name for at, name in enumerate(by_time)}, note
 
-    @cache
     def read(position: int) -> NDArray[np.uint8]:
         return reduced(small_grey(listing.file(names[position]), _SMALL_PX**2), _SMALL_PX)
 
-    sizes = Counter(listing.file(name).stat().st_size for name in names.values())
-    possible_copies = [
-        position
-        for position in sorted(names)
-        if len(names) <= MAX_PICTURES or sizes[listing.file(names[position]).stat().st_size] > 1
-    ]
-    present = [position in names for position in range(numbered.cols)]
-    run, places, again = lay_out(read, present, grid, possible_copies)
+    count = max(names) + 1
+    run = find_columns(read, [position in names for position in range(count)], grid)
     if run is None:
-        raise misfit(str(listing.path), len(places), grid)
-    kept = sorted(places)
-    order, astray = motion_order(read, kept) if not grid and len(kept) > 2 else ([], None)
-    if order:  # a line, whatever the likeness of its pictures says
-        run = Running(rows=1, cols=run.rows * run.cols)
-    note = described_run(run, grid)
-    if order not in ([], kept):
-        run = attrs.evolve(run, cols=len(order))
-        places = {position: place for place, position in enumerate(order)}
-        note = (
-            "the views are in the order that the motion between them proves, not in that of their"
-            f" names: {some([names[position] for position in order])}"
-        )
-    views = {run.index(place): names[position] for position, place in places.items()}
-    twice = [
-        f"{names[late]} is the same picture as {names[early]}" for late, early in again.items()
-    ]
-    doubt = run.doubt
-    if astray is not None and run.rows == 1:
-        doubt = (
-            f"the order of the views: {names[astray]} is not between the two beside it"
-            f" (--set scene.grid=1x{run.cols} takes the names' order)"
-        )
-    return attrs.evolve(
-        numbered, views=views, rows=run.rows, cols=run.cols, doubt=doubt
-    ), "; ".join([*twice, note])
+        raise misfit(str(listing.path), count, grid)
+    views = {run.index(position): name for position, name in names.items()}
+    return run, views, described_run(run, grid)
 
 
 def misfit(what: str, count: int, grid: ViewIndex | None) -> UserError:
@@ -303,13 +256,12 @@ def misfit(what: str, count: int, grid: ViewIndex | None) -> UserError:
 
 def described_run(run: Running, grid: ViewIndex | None) -> str:
     """A description of how numbered views fill their grid, for people."""
-    how = f"{run.rows}x{run.cols}" + (", every other row backwards" if run.snake else "")
     why = (
         "set by scene.grid"
         if grid
         else "from the likeness of the pictures; --set scene.grid=ROWSxCOLS overrides it"
     )
-    return f"the numbered views form {how}: {why}"
+    return f"the numbered views form {run.rows}x{run.cols}: {why}"
 
 
 def placed_views(
@@ -343,24 +295,16 @@ def _views_source(
     numbered: NumberedNames,
     headers: Mapping[str, Header],
     note: str = "",
+    doubt: str = "",
     **more: Any,
 ) -> SceneSource:
-    """The scene of views by grid index, with a note of unused pictures. Raises UserError if two
-    views have the same index, or too many indices have no view.
+    """The scene of views by grid index, with a note of unused pictures. Raises UserError if too
+    many indices have no view.
     """
     rows, cols, views = numbered.rows, numbered.cols, numbered.views
-    if numbered.clashes:
-        first, second = numbered.clashes[0]
-        pairs = len(numbered.clashes) - 1
-        remedy = (
-            f"move {some([name for _, name in numbered.clashes])} away, or name the views"
-            " view_ROW_COLUMN.png"
-        )
-        others = f", and so are {pairs} more pairs" if pairs else ""
-        raise UserError(f"{listing.path}: {first} and {second} are the same view{others}", remedy)
     require_grid(rows, cols, str(listing.path))
     holes = [place for place in np.ndindex(rows, cols) if place not in views]
-    # the packer fills in missing views from their neighbours
+    # the packer copies missing views from their neighbours
     if len(holes) > 0.25 * rows * cols:
         raise UserError(
             f"{listing.path}: the names span {rows}x{cols} views, but there are {len(views)} files",
@@ -369,7 +313,7 @@ def _views_source(
     notes = [note] if note else []
     if holes:
         where = some([f"row {row} column {col}" for row, col in holes])
-        notes.append(f"{len(holes)} of {rows}x{cols} views missing, filled in from others: {where}")
+        notes.append(f"{len(holes)} of {rows}x{cols} views missing, copied from others: {where}")
     used = set(views.values())
     names = listing.pictures()
     sizes = {headers[name].size for name in used}
@@ -380,13 +324,15 @@ def _views_source(
     }
     if unused := [odd.get(name, name) for name in names if name not in used]:
         notes.append(f"{len(used)} of {len(names)} files used; the others are {some(unused)}")
+    if not doubt and 2 * len(used) < sum(not MAPS.search(name) for name in names):
+        doubt = f"only {len(used)} of {len(names)} pictures have names of one kind"
     return files_source(
         layout,
         listing,
         views,
         (rows, cols),
         headers,
-        doubt=numbered.doubt,
+        doubt=doubt,
         notes=tuple(notes),
         **more,
     )

@@ -1,12 +1,11 @@
-"""Pictures of many tiles, one view each: finds the tiles by lines of one colour between them or by
-the similarity of neighbours, and decides whether they form a grid or one line, as in a quilt.
+"""Pictures of many tiles, one view each: finds the tiles by the similarity of neighbours, and
+decides whether they form a grid or one line, as in a quilt.
 """
 
 import re
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Mapping
 from functools import lru_cache
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -17,28 +16,18 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.files.pictures import read_picture
-from lfpipe.scene.files import VIDEOS, Listing, stem_of
-from lfpipe.scene.layouts._candidates import Candidate, ranked
-from lfpipe.scene.layouts._grid import LOSSY, MIN_VIEW_PX, parse_grid
+from lfpipe.scene.files import VIDEOS, Listing
+from lfpipe.scene.layouts._grid import MIN_VIEW_PX, parse_grid
 from lfpipe.scene.layouts._running import Running, likeliest, reduced
 
 # Looking Glass: columns, rows, aspect
 QUILT_NAME = re.compile(r"_qs([1-9][0-9]?)x([1-9][0-9]?)(?:a[\d.]+)?", re.IGNORECASE)
-_SAME_PICTURE = 0.98  # correlation of two files of one picture
-_LOOK_PX = 32  # side of pictures to compare
-_FROM_THE_TOP = "whether its first view is the top left tile: a quilt begins at the bottom left"
 MAX_TILES = 64  # along one side
 _GLANCE_PX = 1024  # longer side of the reduced picture in which tiles are detected
 # limits of `_unlike` for neighbouring tiles; above the last, there are no tiles
 _TWO_AXES, _ONE_AXIS, _PLAIN = 0.5, 0.2, 0.8
 _SEAM = 0.1  # share of a tile's lines that may change more than its borders
 _ALIKE = 0.03  # differences by which tiles are as much alike as tiles of tiles
-# grey levels from the colour of lines (JPEG blurs them), and share of a line
-_LINE_LEVELS = (4, 16, 48)
-_LINE_SHARE = 0.98
-_LINE_SAMPLES = 64  # along a line
-_SOFT_PX = 2  # variation in size of lines and tiles if lines have soft edges
 
 
 def plane_of(picture: NDArray[Any]) -> NDArray[np.uint8]:
@@ -56,7 +45,6 @@ class Tiling:
     height_px: int
     width_px: int
     quilt: bool = False  # one row of views, from the bottom left tile to the right, then upwards
-    down: bool = False  # a quilt from the top left tile, downwards
     doubt: str = ""  # what the pictures leave ambiguous, "" for nothing
 
     @classmethod
@@ -89,7 +77,7 @@ class Tiling:
         """One view."""
         if self.quilt:
             row, col = divmod(col, len(self.lefts))
-            row = row if self.down else len(self.tops) - 1 - row
+            row = len(self.tops) - 1 - row
         top = self.tops[row]
         left = self.lefts[col]
         return picture[top : top + self.height_px, left : left + self.width_px]
@@ -135,14 +123,16 @@ def _seams(grey: NDArray[np.float32], axis: int, count: int) -> bool:
     return bool((phases > phases[len(away) // 2]).mean() < _SEAM)
 
 
-def _period(grey: NDArray[np.float32], axis: int, full_px: int) -> tuple[int, float]:
-    """The number of tiles with the most similar neighbours along an axis, and their difference;
+def _period(
+    grey: NDArray[np.float32], axis: int, full_px: int, unlike: Mapping[int, float]
+) -> tuple[int, float]:
+    """The number of tiles with the most similar neighbours along an axis, and their difference
     (1, 1.0) if there is none. A number that does not divide the side must have seams; tiles of
     tiles are no tiles.
     """
     fits = {
         n: u
-        for n, u in _unlike(grey, axis).items()
+        for n, u in unlike.items()
         if full_px // n >= MIN_VIEW_PX
         and (full_px % n == 0 or (u < _TWO_AXES and _seams(grey, axis, n)))
     }
@@ -151,79 +141,10 @@ def _period(grey: NDArray[np.float32], axis: int, full_px: int) -> tuple[int, fl
     return best, fits.get(best, 1.0)
 
 
-def _between_lines(picture: NDArray[Any]) -> list[tuple[int, int]]:
-    """(first, last + 1) of the rows between lines of one colour, if these divide the picture
-    evenly; else all rows as one range.
-    """
-    height, width = picture.shape[:2]
-    some = np.asarray(picture[:, :: max(1, width // _LINE_SAMPLES)], np.float32).reshape(
-        height, -1, picture[0, 0].size
-    )
-    some *= np.float32(255 / max(1.0, float(some.max())))
-    middle = np.median(some, axis=1, keepdims=True)
-    colour = middle[np.abs(some - middle).max(axis=2).mean(axis=1).argmin()]
-    off = np.abs(some - colour).max(axis=2)
-    tiles = [(0, height)]
-    for levels in _LINE_LEVELS:
-        runs = _runs((off < levels).mean(axis=1) > _LINE_SHARE)
-        if len(runs) == 1 == len(tiles) or (len(runs) > len(tiles) and _even(runs, height)):
-            least = min(last - first for first, last in runs)  # soft edges of a line belong to it
-            tiles = [(first, first + least) for first, _ in runs]
-    return tiles
-
-
-def _runs(plain: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """(first, last + 1) of the ranges between plain lines."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([True], plain, [True])).astype(np.int8)))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
-
-
-def _even(runs: list[tuple[int, int]], whole_px: int) -> bool:
-    """Whether all runs have one size, and all lines between them a smaller one."""
-    sizes, gaps = [last - first for first, last in runs], [b[0] - a[1] for a, b in pairwise(runs)]
-    if len(runs) > MAX_TILES or min(sizes) < MIN_VIEW_PX or max(sizes) - min(sizes) > _SOFT_PX:
-        return False
-    around = runs[0][0] + whole_px - runs[-1][1]
-    # plain lines of a tile's background belong to the tile
-    margins = 0 < around <= 1.5 * min(gaps)
-    return not margins and max(gaps) - min(gaps) <= _SOFT_PX and 4 * max(gaps) < min(sizes)
-
-
-def _by_lines(picture: NDArray[Any]) -> Tiling | None:
-    """The tiles of a picture with lines between them, as in contact sheets and plots; None without
-    such lines.
-    """
-    down = _between_lines(picture)
-    across = _between_lines(picture.swapaxes(0, 1))
-    if len(down) * len(across) < 3:  # one or two framed photographs are not a mosaic
-        return None
-    top, bottom = down[0]
-    left, right = across[0]
-    return Tiling(
-        tops=tuple(first for first, _ in down),
-        lefts=tuple(first for first, _ in across),
-        height_px=bottom - top,
-        width_px=right - left,
-    )
-
-
 def find_tiles(picture: NDArray[Any], name: str = "") -> Tiling | None:
-    """The tiles of a picture, or None: a mosaic has lines between its tiles, or nearly repeats
-    itself after one tile.
+    """The tiles of a picture, or None: a mosaic nearly repeats itself after one tile.
 
     name: of the file or folder; a grid in the name (9x9) is used unless the picture contradicts it.
-    """
-    lined = _by_lines(picture)
-    if lined is not None:
-        return lined
-    height, width = picture.shape[:2]
-    order = ranked(f"the tiles of {width}x{height} px", list(_candidates(picture, name)))
-    return order[0].value if order else None
-
-
-def _candidates(picture: NDArray[Any], name: str) -> Iterator[Candidate[Tiling]]:
-    """A grid in the name, and grids whose neighbouring tiles are alike: the name ranks first, then
-    similarity along both axes, then along one.
     """
     height, width = picture.shape[:2]
     small = reduced(picture, _GLANCE_PX)  # reducing a single plane would copy it
@@ -233,62 +154,37 @@ def _candidates(picture: NDArray[Any], name: str) -> Iterator[Candidate[Tiling]]
         rows, cols = int(named[1]), int(named[2])
         unlike = max(down.get(rows, 0), across.get(cols, 0))
         if rows * cols > 1 and not (height % rows or width % cols) and unlike < _PLAIN:
-            yield _candidate("the name", Tiling.even(picture, rows, cols), 2, unlike)
-    (rows, row_unlike), (cols, col_unlike) = _period(plane, 0, height), _period(plane, 1, width)
-    unlike = max(row_unlike, col_unlike)
+            return Tiling.even(picture, rows, cols)
+    rows, row_unlike = _period(plane, 0, height, down)
+    cols, col_unlike = _period(plane, 1, width, across)
     grid = Tiling.even(picture, rows, cols)
+    if max(row_unlike, col_unlike) < _TWO_AXES:
+        return grid
     strip = None
     if col_unlike < _ONE_AXIS and cols > 2:
         strip = Tiling.even(picture, 1, cols)
     elif row_unlike < _ONE_AXIS and rows > 2:
         strip = Tiling.even(picture, rows, 1)
-    if unlike < _TWO_AXES:
-        yield _candidate("likeness along both axes", grid, 1, unlike)
-    elif strip is not None:
-        yield _candidate("likeness along one axis", strip, 0, min(row_unlike, col_unlike))
-        if unlike <= _PLAIN:
-            either = f"{rows}x{cols}, or {strip.shape[0]}x{strip.shape[1]}"
-            yield _candidate(
-                "likeness along both axes",
-                attrs.evolve(grid, doubt=f"the tiles: {either} (--set scene.grid=ROWSxCOLS)"),
-                1,
-                unlike,
-            )
-
-
-def _candidate(why: str, tiling: Tiling, rank: int, unlike: float) -> Candidate[Tiling]:
-    """unlike: difference of neighbouring tiles, as `dip`, less than 1."""
-    return Candidate(
-        what=f"{tiling.shape[0]}x{tiling.shape[1]}, by {why}",
-        score=rank + 1 - unlike,
-        value=tiling,
-        measures={"neighbours unlike": unlike},
-    )
+    if strip is None or max(row_unlike, col_unlike) > _PLAIN:
+        return strip
+    either = f"{rows}x{cols}, or {strip.shape[0]}x{strip.shape[1]}"
+    return attrs.evolve(grid, doubt=f"the tiles: {either} (--set scene.grid=ROWSxCOLS)")
 
 
 def _as_quilt(picture: NDArray[Any], plain: Tiling) -> Tiling:
-    """The tiles as one line of views, from the bottom left (or the top left) one, if that explains
-    the similarity of tiles better than a grid.
+    """The tiles as one line of views, from the bottom left one, if that explains the similarity of
+    tiles better than a grid.
     """
     rows, cols = plain.shape
     if min(rows, cols) < 2:
         return plain
-    likely = likeliest(
+    likely, near = likeliest(
         lambda at: plane_of(plain.cut(picture, *divmod(at, cols))),
         [True] * rows * cols,
-        [
-            Running(rows=rows, cols=cols),
-            Running(rows=1, cols=rows * cols, upwards=cols),
-            Running(rows=1, cols=rows * cols),
-        ],
+        [Running(rows=rows, cols=cols), Running(rows=1, cols=rows * cols, upwards=cols)],
     )
     doubt = f"one line of {rows * cols} views (--set scene.layout=quilt), or {rows}x{cols} (mosaic)"
-    if likely.run.rows > 1:
-        return plain if likely.clear else attrs.evolve(plain, doubt=doubt)
-    down = not likely.run.upwards
-    if likely.clear:
-        doubt = _FROM_THE_TOP if down else ""
-    return attrs.evolve(plain, quilt=True, down=down, doubt=doubt)
+    return attrs.evolve(plain, quilt=likely.rows == 1, doubt=doubt if near else plain.doubt)
 
 
 def last_picture(load: Callable[[int], NDArray[Any]]) -> Callable[[int], NDArray[Any]]:
@@ -316,47 +212,10 @@ def is_film(listing: Listing) -> bool:
     return listing.is_file and listing.names[0].lower().endswith(VIDEOS)
 
 
-@lru_cache(maxsize=8)
-def glance(path: Path) -> NDArray[Any]:
-    """A picture, reduced to 128x128 values of 8 bits. Raises UserError."""
-    picture, full = read_picture(path)
-    small = cv2.resize(picture, (128, 128), interpolation=cv2.INTER_AREA)
-    return small if full == 255 else np.asarray(small * (255 / max(1, int(small.max()))), np.uint8)
-
-
-def likeness(a: Path, b: Path) -> float:
-    """Correlation of two pictures, heavily reduced and in grey; 0 if one is plain or unreadable, or
-    only one has colour.
-    """
-    try:
-        looks = [
-            cv2.resize(glance(path), (_LOOK_PX, _LOOK_PX), interpolation=cv2.INTER_AREA)
-            for path in (a, b)
-        ]
-    except UserError:
-        return 0.0
-    greys = [(look if look.ndim == 2 else look.mean(axis=2)).ravel() for look in looks]
-    if looks[0].ndim != looks[1].ndim or min(float(grey.std()) for grey in greys) < 1:
-        return 0.0
-    return float(np.corrcoef(greys[0], greys[1])[0, 1])
-
-
-def one_picture_twice(listing: Listing) -> str | None:
-    """The lossless one of two files with the same stem and picture (moon.jpg, moon.png); None for
-    anything else.
-    """
-    names = listing.pictures()
-    if len(names) != 2 or stem_of(names[0]).lower() != stem_of(names[1]).lower():
-        return None
-    same = likeness(*(listing.file(name) for name in names)) > _SAME_PICTURE
-    return min(names, key=lambda name: name.lower().endswith(LOSSY)) if same else None
-
-
 def single_picture(listing: Listing) -> Path | None:
     """The picture of a scene of one picture: the given file, or the only picture of the folder."""
     pictures = listing.pictures()
-    name = pictures[0] if len(pictures) == 1 else one_picture_twice(listing)
-    return listing.file(name) if name else None
+    return listing.file(pictures[0]) if len(pictures) == 1 else None
 
 
 def require_picture(listing: Listing) -> Path:

@@ -1,15 +1,15 @@
 """Light fields in one array: NumPy's .npy and .npz, MATLAB's .mat, and lf.h5 of the first HCI data
 set.
 
-Axes are (rows, cols, height, width, planes) or (height, width, rows, cols, planes), by the sizes,
-in NumPy files perhaps with frames before them; planes are 1 (grey) or 3 (red first). Values are
-uint8, uint16, or float 0 .. 1 or 0 .. 255. An .npz contains `views`, optionally `disparity` (rows,
-cols, height, width), px per view, nearer is larger, and `positions` (rows, cols, 2), the camera
-positions, (down, right) in any unit. MATLAB files contain LF: LFToolbox's NAME__Decoded.mat and
-BasicLFSR's. v7.3 files are HDF5, axes in reverse order; older ones need scipy (the extra
-`scipy`). lf.h5 contains LF, GT_DEPTH and attributes, columns from right to left: Wanner,
-Meister, Goldluecke, "Datasets and Benchmarks for Densely Sampled 4D Light Fields", VMV 2013. In a
-file without those attributes, columns may run either way.
+Axes are (rows, cols, height, width, planes), in NumPy files perhaps with frames before them; planes
+are 1 (grey) or 3 (red first). Values are uint8, uint16, or float 0 .. 1 or 0 .. 255. An .npz
+contains `views`, optionally `disparity` (rows, cols, height, width), px per view, nearer is larger,
+and `positions` (rows, cols, 2), the camera positions, (down, right) in any unit. MATLAB files
+contain LF: LFToolbox's NAME__Decoded.mat and BasicLFSR's. v7.3 files are HDF5, with all axes in
+reverse order; older ones need scipy (the extra `scipy`). lf.h5 contains LF, GT_DEPTH and
+attributes, columns from right to left: Wanner, Meister, Goldluecke, "Datasets and Benchmarks for
+Densely Sampled 4D Light Fields", VMV 2013. In a file without those attributes, columns may run
+either way.
 """
 
 import contextlib
@@ -30,13 +30,7 @@ from lfpipe.files.safe_files import open_file
 from lfpipe.host.files import proc_fd_path
 from lfpipe.host.machine import install_command
 from lfpipe.scene.files import Listing
-from lfpipe.scene.layouts._grid import (
-    MIN_VIEW_PX,
-    coordinate_turn,
-    require_grid,
-    require_view,
-    true_max,
-)
+from lfpipe.scene.layouts._grid import coordinate_turn, require_grid, require_view
 from lfpipe.scene.layouts.plenoptic import lit
 from lfpipe.scene.source import GridTransform, Layout, SceneSource
 
@@ -62,8 +56,7 @@ def _require_size(kind: np.dtype[Any], shape: tuple[int, ...], what: str) -> Non
 
 
 def require_views(views: NDArray[Any], what: str) -> NDArray[Any]:
-    """views as (frames, rows, cols, height, width, 1 or 3); the sizes determine whether rows or
-    height come first. Copies nothing.
+    """views as (frames, rows, cols, height, width, 1 or 3). Copies nothing.
 
     Raises UserError for other axes and types. what: its name, for messages.
     """
@@ -71,8 +64,6 @@ def require_views(views: NDArray[Any], what: str) -> NDArray[Any]:
     framed = coloured[None] if coloured.ndim == 5 else coloured
     if framed.ndim != 6 or framed.shape[-1] not in (1, 3) or framed.shape[0] < 1:
         raise UserError(f"{what}: axes of sizes {views.shape}", f"save it with the axes {AXES}")
-    if axis_order(framed.shape[1:], reversible=False) == _VIEWS_FIRST:
-        framed = framed.transpose(0, *(axis + 1 for axis in _VIEWS_FIRST))
     _require_size(views.dtype, framed.shape[1:5], what)
     return framed
 
@@ -182,7 +173,7 @@ def _numpy_source(listing: Listing, path: Path) -> SceneSource:
             for place in itertools.product(range(rows), range(cols))
         }
     )
-    source = _source(
+    return _source(
         "array",
         path,
         listing,
@@ -201,9 +192,6 @@ def _numpy_source(listing: Listing, path: Path) -> SceneSource:
         coordinates=camera_positions,
         truth=truth,
     )
-    if views.dtype != np.uint16:
-        return source
-    return attrs.evolve(source, max_value=true_max([int(views.max())], 65535))
 
 
 @contextlib.contextmanager
@@ -274,80 +262,42 @@ def _hdf5_array(path: Path, file: Any, *keys: str) -> Any:
     return None
 
 
-# (rows, cols, y, x, planes) by axis, the likeliest first
-_ROWS_FIRST, _VIEWS_FIRST = (0, 1, 2, 3, 4), (2, 3, 0, 1, 4)
-_REVERSED, _VIEWS_FIRST_REVERSED = (4, 3, 2, 1, 0), (2, 1, 4, 3, 0)
-
-
-def axis_order(shape: tuple[int, ...], reversible: bool = True) -> tuple[int, ...] | None:
-    """The order of the axes (rows, cols, y, x[, planes]), by size: planes are few, and a view has
-    more pixels than the grid has views; None if no order fits. reversible: the axes may be in
-    reverse order, as in HDF5 files by MATLAB.
-    """
-    if len(shape) not in (4, 5) or 0 in shape:
-        return None
-    reverse = (_REVERSED, _VIEWS_FIRST_REVERSED) if reversible else ()
-    best: tuple[float, tuple[int, ...]] | None = None
-    for order in (_ROWS_FIRST, *reverse[:1], _VIEWS_FIRST, *reverse[1:]):
-        sizes, axes = shape, order
-        if len(shape) == 4:  # as if there were one plane
-            sizes = (1, *shape) if order[4] == 0 else (*shape, 1)
-            axes = tuple(axis - (order[4] == 0) for axis in order[:4])
-        rows, cols, height, width, planes = (sizes[axis] for axis in order)
-        ratio = height * width / (rows * cols)
-        large = min(height, width) >= MIN_VIEW_PX and ratio >= 1
-        # planes: grey, colour, or colour with weights
-        if planes in (1, 3, 4, 5) and large and (best is None or ratio > best[0]):
-            best = ratio, axes
-    return best and best[1]
-
-
 def _ordered_source(
-    layout: str, listing: Listing, path: Path, array: Any, names: list[str]
+    layout: str, listing: Listing, path: Path, array: Any, names: list[str], reverse: bool = False
 ) -> SceneSource:
-    """The views of an array, or of an HDF5 data set, whose axes may be in reverse order. names: of
-    all arrays in the file, for the message if LF is missing. Raises UserError.
+    """The views of an array, or of an HDF5 data set, with the axes (rows, cols, height, width[,
+    planes]), or in reverse order. names: of all arrays in the file, for the message if LF is
+    missing. Raises UserError.
     """
     if array is None:
         raise UserError(
             f"{path}: no array LF (it contains: {', '.join(names[:8])})",
             "save the light field as LF",
         )
-    order = axis_order(array.shape)
-    if order is None:
-        wrong = (
-            f"{len(array.shape)} axes of sizes {array.shape}; expected (rows, columns, y, x,"
-            " planes)"
+    shape = tuple(int(size) for size in (array.shape[::-1] if reverse else array.shape))
+    # planes: grey, colour, or colour with weights
+    if len(shape) not in (4, 5) or shape[4:] not in ((), (1,), (3,), (4,), (5,)):
+        raise UserError(
+            f"{path}: LF has {len(shape)} axes of sizes {shape}", f"save it with the axes {AXES}"
         )
-        raise UserError(f"{path}: LF has {wrong}", "save it with these axes")
-    shape = tuple(int(array.shape[axis]) for axis in order[:4])
-    _require_size(array.dtype, shape, f"{path}: LF")
-
-    return _source(layout, path, listing, shape, array.dtype, _reader(array, order))
-
-
-def _reader(array: Any, order: tuple[int, ...]) -> Callable[[int, int, int], NDArray[Any]]:
-    """A function that reads the view at (frame, row, col), as (y, x[, planes]), of an array whose
-    axes are in that order.
-    """
-    turned = np.argsort(np.argsort(order[2:]))
+    _require_size(array.dtype, shape[:4], f"{path}: LF")
 
     def raw(frame: int, row: int, col: int) -> NDArray[Any]:
-        index: list[Any] = [slice(None)] * len(order)
-        index[order[0]], index[order[1]] = row, col
-        return np.asarray(array[tuple(index)]).transpose(turned)
+        return np.asarray(array[..., col, row]).T if reverse else np.asarray(array[row, col])
 
-    return raw
+    return _source(layout, path, listing, shape[:4], array.dtype, raw)
 
 
-def _matlab_array(path: Path) -> tuple[Any, list[str]]:
-    """The light field of a file, and the names of its variables. Raises UserError."""
+def _matlab_array(path: Path) -> tuple[Any, list[str], bool]:
+    """The light field of a file, the names of its variables, and whether its axes are in reverse
+    order, as in HDF5. Raises UserError.
+    """
     import h5py
 
     with open_file(path) as file:
         if h5py.is_hdf5(proc_fd_path(file)):  # v7.3, after MATLAB's own header
             data = _hdf5(path)
-            return _hdf5_array(path, data, *_KEYS), _names(path, data)
+            return _hdf5_array(path, data, *_KEYS), _names(path, data), True
         try:
             import scipy.io
         except ImportError:
@@ -359,18 +309,12 @@ def _matlab_array(path: Path) -> tuple[Any, list[str]]:
             names = [name for name, _, _ in scipy.io.whosmat(file)]
             file.seek(0)
             arrays = scipy.io.loadmat(file, variable_names=_KEYS)
-    return next((np.asarray(arrays[key]) for key in _KEYS if key in arrays), None), names
+    return next((np.asarray(arrays[key]) for key in _KEYS if key in arrays), None), names, False
 
 
 def _matlab_source(listing: Listing, path: Path) -> SceneSource:
-    array, names = _matlab_array(path)
-    source = lit(_ordered_source("mat", listing, path, array, names))
-    if array.dtype == np.uint16:
-        top = true_max(
-            [int(source.read(0, row, source.cols // 2).max()) for row in (0, source.rows // 2)],
-            65535,
-        )
-        source = attrs.evolve(source, max_value=top)
+    array, names, reverse = _matlab_array(path)
+    source = lit(_ordered_source("mat", listing, path, array, names, reverse))
     if not {"LFMetadata", "DecodeOptions", "RectOptions", "WhiteImageMetadata"} & set(names):
         return source
     return attrs.evolve(

@@ -4,16 +4,11 @@ or run.
 - hci: the HCI 4D benchmark: input_Cam000.png ... row by row from the top left, parameters.cfg, true
   disparity if given: https://lightfield-analysis.uni-konstanz.de (Honauer, Johannsen,
   Kondermann, Goldluecke, ACCV 2016)
-- hci-text: the first HCI data set as text and pictures: lf/XX_YY.png, attributes.dat, depth.bin
-  (Wanner, Meister, Goldluecke, "Datasets and Benchmarks for Densely Sampled 4D Light Fields", VMV
-  2013)
 - stanford: the Stanford archive: out_RR_CC_Y_X_.png, Y and X the camera's position. The coordinates
   decide, not the index: X grows to the right, Y downwards, and scenes were shot in either
   direction. http://lightfield.stanford.edu
-- jpeg-pleno: JPEG Pleno, EPFL: RRR_CCC.ppm of a Lytro Illum, 15x15 with dark sides and corners, 8,
-  10 or 16 bit
 - rows-cols: any two numbers in the names that span a grid
-- numbered: a running number: row by row, column by column, a snake or a line, by the pictures
+- numbered: a running number: row by row, column by column, or a line, by the pictures
 """
 
 import math
@@ -28,7 +23,7 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.untrusted import finite
-from lfpipe.scene.files import Listing, list_scene, read_bytes, read_pfm
+from lfpipe.scene.files import Listing, read_bytes, read_pfm
 from lfpipe.scene.layouts._grid import (
     coordinate_turn,
     describe_views,
@@ -37,17 +32,14 @@ from lfpipe.scene.layouts._grid import (
     placed_views,
 )
 from lfpipe.scene.layouts._names import MAX_SIDE
-from lfpipe.scene.layouts.arrays import LARGEST, disparity_of_depth
-from lfpipe.scene.layouts.plenoptic import lit
+from lfpipe.scene.layouts.arrays import LARGEST
 from lfpipe.scene.source import Geometry, GridTransform, Layout, SceneSource
 
 _NUMBER, _PICTURE = r"(-?\d+(?:\.\d+)?(?:e[+-]?\d+)?)", r"\.(?:png|jpe?g|ppm)"
 _HCI = re.compile(rf"input_Cam(\d{{3,5}}){_PICTURE}", re.IGNORECASE)
-_HCI_TEXT = re.compile(rf"(\d{{1,3}})_(\d{{1,3}}){_PICTURE}", re.IGNORECASE)
 _STANFORD = re.compile(
     rf".*?out_(\d{{1,4}})_(\d{{1,4}})_{_NUMBER}_{_NUMBER}(?:_{_NUMBER})*_?{_PICTURE}", re.IGNORECASE
 )
-_JPEG_PLENO = re.compile(r"(\d{3})_(\d{3})\.(?:ppm|png)", re.IGNORECASE)
 _TRUTH = re.compile(r"gt_disp_lowres(?:_Cam(\d{3,5}))?\.pfm", re.IGNORECASE)
 
 
@@ -67,8 +59,8 @@ def _require_matches(
     return matches
 
 
-def _detects(pattern: re.Pattern[str], fewest: int, mark: int) -> Callable[[Listing], int | None]:
-    return lambda listing: mark if len(_matches(listing, pattern)) >= fewest else None
+def _detect(pattern: re.Pattern[str], listing: Listing) -> int | None:
+    return 90 if len(_matches(listing, pattern)) > 1 else None
 
 
 def _describe_hci(listing: Listing, scene: config.Scene) -> SceneSource:
@@ -134,62 +126,6 @@ def _describe_hci(listing: Listing, scene: config.Scene) -> SceneSource:
     return attrs.evolve(source, truth=truth, files=(*source.files, *beside))
 
 
-def hci_attributes(text: str) -> dict[str, float]:
-    """`value //name` lines by name; skips other lines and invalid numbers."""
-    lines = re.findall(r"^[^\S\n]*(\S+)[^\S\n]*//[^\S\n]*(\S+)", text, re.MULTILINE)
-    return {
-        name: number
-        for value, name in lines
-        if (number := finite(value, -LARGEST, LARGEST)) is not None
-    }
-
-
-def _detect_hci_text(listing: Listing) -> int | None:
-    return 92 if "attributes.dat" in listing.names and "lf" in listing.folders else None
-
-
-def _describe_hci_text(listing: Listing, scene: config.Scene) -> SceneSource:
-    if _detect_hci_text(listing) is None:
-        raise UserError(
-            f"{listing.path}: no attributes.dat next to a folder lf/",
-            "give the folder that contains both",
-        )
-    beside = [listing.file("attributes.dat")]
-    known = hci_attributes(read_bytes(beside[0]).decode("utf-8", "replace"))
-    inner = list_scene(listing.file("lf"))
-    places = {
-        name: (int(m[1]), int(m[2]))
-        for name, m in _require_matches(inner, _HCI_TEXT, "ROW_COLUMN.png").items()
-    }
-    source = placed_views(
-        "hci-text",
-        inner,
-        places,
-        turn=GridTransform(),
-        turn_by="this export counts rows from the top and columns from the left",
-    )
-    size = (source.height_px, source.width_px)
-    truth = {}
-    middle = (source.rows // 2, source.cols // 2)
-    if "depth.bin" in listing.names and "focalLength" in known and middle not in source.missing:
-        beside.append(path := listing.file("depth.bin"))
-
-        def read_truth() -> NDArray[np.float32]:
-            data = read_bytes(path, 1 << 28)
-            expected = 4 * math.prod(size)
-            if len(data) != expected:
-                raise UserError(
-                    f"{path}: {len(data)} bytes, {expected} expected of {size[1]}x{size[0]}"
-                    " float32",
-                    "fetch it again, or move it away",
-                )
-            depth = np.frombuffer(data, "<f4").reshape(size).astype(np.float32)
-            return disparity_of_depth(depth, known) if known["focalLength"] else depth
-
-        truth[middle] = read_truth
-    return attrs.evolve(source, path=listing.path, truth=truth, files=(*source.files, *beside))
-
-
 def _describe_stanford(listing: Listing, scene: config.Scene) -> SceneSource:
     matches = _require_matches(listing, _STANFORD, "out_ROW_COLUMN_Y_X_.png")
     source = placed_views(
@@ -211,30 +147,14 @@ def _describe_stanford(listing: Listing, scene: config.Scene) -> SceneSource:
     )
 
 
-def _describe_jpeg_pleno(listing: Listing, scene: config.Scene) -> SceneSource:
-    matches = _require_matches(listing, _JPEG_PLENO, "ROW_COLUMN.ppm with three digits each")
-    return lit(
-        placed_views(
-            "jpeg-pleno",
-            listing,
-            {name: (int(m[1]), int(m[2])) for name, m in matches.items()},
-            turn=GridTransform(),
-            turn_firm=False,
-            turn_by="JPEG Pleno counts rows from the top and columns from the left",
-        )
-    )
-
-
 def _detect_numbers(runs: bool, mark: int, listing: Listing) -> int | None:
     numbered = named_views(listing)
     return mark if numbered is not None and numbered.runs == runs else None
 
 
 LAYOUTS = (
-    Layout("hci", _detects(_HCI, 2, 90), _describe_hci),
-    Layout("hci-text", _detect_hci_text, _describe_hci_text),
-    Layout("stanford", _detects(_STANFORD, 2, 90), _describe_stanford),
-    Layout("jpeg-pleno", _detects(_JPEG_PLENO, 2, 80), _describe_jpeg_pleno),
+    Layout("hci", partial(_detect, _HCI), _describe_hci),
+    Layout("stanford", partial(_detect, _STANFORD), _describe_stanford),
     Layout(
         "rows-cols",
         partial(_detect_numbers, False, 50),

@@ -1,14 +1,11 @@
 """Plenoptic cameras. ESLF: one PNG, with `eslf` in its name, of lenslets of N x N px (14 x 14 for a
 Lytro Illum; else scene.grid), as in LFToolbox's LFReadESLF; pixel (row, col) of every lenslet forms
-one view. Raw pictures show a honeycomb of lenslets. The outer views are dark or empty.
+one view. The outer views are dark or empty.
 """
-
-from typing import Any
 
 import attrs
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.files.pictures import read_picture
@@ -18,50 +15,8 @@ from lfpipe.scene.layouts._tiles import require_picture, single_picture
 from lfpipe.scene.source import GridTransform, SceneSource, ViewIndex
 
 NAME = "eslf"
-_PITCH_PX = (5, 30)
-_PEAK = 300.0
-_SMALLEST_PX = 256  # side of a raw picture: at least thousands of px
 # brightness over that of the middle view; darker sides and views are left out
 _DARK_SIDE, _DARK_VIEW = 0.55, 0.4
-
-
-def _middle(picture: NDArray[Any], most_px: int) -> NDArray[np.float32]:
-    """The middle of one plane of a picture, at most most_px on a side."""
-    plane = picture if picture.ndim == 2 else picture[..., 1]
-    top, left = (max(0, size - most_px) // 2 for size in plane.shape)
-    return plane[top : top + most_px, left : left + most_px].astype(np.float32)
-
-
-def is_honeycomb(picture: NDArray[Any]) -> bool:
-    """Whether a picture is a raw honeycomb of lenslets: its spectrum has peaks at equal distance,
-    60 degrees apart.
-    """
-    size = min(512, *picture.shape[:2])
-    if size < _SMALLEST_PX:
-        return False
-    crop = _middle(picture, size)
-    window = np.hanning(size).astype(np.float32)
-    if crop.std() < 1e-3 * (float(crop.max()) + 1):
-        return False
-    power = np.fft.fftshift(
-        np.abs(np.fft.fft2((crop - crop.mean()) * window * window[:, None])) ** 2
-    )
-    y, x = np.mgrid[:size, :size] - size // 2
-    away = np.hypot(x, y)
-    ring = (away > size / _PITCH_PX[1]) & (away < size / _PITCH_PX[0])
-    at = int(np.argmax(np.where(ring, power, 0)))
-    peak_y, peak_x = (int(v) - size // 2 for v in divmod(at, size))
-    radius = float(np.hypot(peak_x, peak_y))
-    usual = float(np.median(power[np.abs(away - radius) < 0.2 * radius]))
-
-    def power_at(angle: float) -> float:
-        px = round(peak_x * np.cos(angle) - peak_y * np.sin(angle)) + size // 2
-        py = round(peak_x * np.sin(angle) + peak_y * np.cos(angle)) + size // 2
-        near = power[max(0, py - 2) : py + 3, max(0, px - 2) : px + 3]
-        return float(near.max()) if near.size else 0.0
-
-    least = max(_PEAK * usual, power_at(np.pi / 2))
-    return min(power_at(np.pi / 3), power_at(-np.pi / 3)) > least
 
 
 def lit(source: SceneSource) -> SceneSource:

@@ -17,36 +17,27 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header, read_picture, upright
-from lfpipe.scene.files import Listing, list_scene
+from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._embedded_depth import embedded_depth, has_depth
-from lfpipe.scene.layouts._folders import depth_folders
 from lfpipe.scene.layouts._grid import parse_grid, require_grid, some
 from lfpipe.scene.layouts._names import MAPS, read_names
-from lfpipe.scene.layouts._tiles import (
-    glance,
-    halves,
-    one_picture_twice,
-    require_picture,
-    single_picture,
-)
+from lfpipe.scene.layouts._tiles import halves, require_picture, single_picture
 from lfpipe.scene.missing_views import nearest, warped_disparity, warped_view
 from lfpipe.scene.source import GridTransform, SceneSource
 
 NAME = "rgbd"
 _NAMED = re.compile(r"rgb-?[dz](?![a-z])")
 _DEPTH = re.compile(r"depth|disparity|(?<![a-z])(dpt|disp)(?![a-z])")
-_BETWEEN = re.compile(r"[-_. ]+")
+_BETWEEN = re.compile(r"[-_. /]+")
 _COLOUR = re.compile(r"(?<![a-z])(rgb|colou?r|images?|img|photo|picture)(?![a-z])")
-# of a recording: colour and depth with the same number in one folder; other names may be views
-_FRAME = re.compile(r"(rgb|colou?r)[-_. ]*\d{1,9}")
+# of a recording, in a folder with its depth or in its own; other names may be views
+_FRAME = re.compile(r"(rgb|colou?r)[-_. ]*\d{1,9}|(rgb|colou?r|images?|img|photo|picture)[^/]*/.*")
 _INVERSE = re.compile(r"disp|inverse|inv[-_ ]?depth")  # larger is nearer by definition
 _MAX_PX = 700_000  # of the rendered views: 45 of them are packed in ten seconds
 _SAME_SHAPE = 1.2  # maximum ratio of the aspects of a picture and its depth map
-# levels between channels: the maximum for a depth map, the minimum for a picture
-_GREY, COLOURED = 2.0, 6.0
+COLOURED = 6.0  # levels between channels: fewer in a depth map, more in a picture
 LOWER = 0.35  # significant correlation of height with nearness
 DISPARITY = 0.008  # per view, between the nearest and the farthest, as a share of the width
-_HOLE_PX = 7  # around holes, where the edge of the front surface may be
 _LEFT_OPEN = "press d in the window, or set scene.invert_depth=yes, if the depth looks inverted"
 _FRAMES = (
     "whether the numbered pictures are frames of one camera"
@@ -106,77 +97,34 @@ def _lower_is_nearer(nearness: NDArray[np.float32]) -> float:
     return float(np.corrcoef(y[use], small[use])[0, 1])
 
 
-def _pair(listing: Listing) -> tuple[str, str] | None:
-    """Names of a picture and of its depth map: by name, or by content if the stems are equal; the
-    first of several pairs.
-    """
-    if pair := _recorded(listing):
-        return pair
-    names = listing.pictures()
-    if len(names) == 2 and Path(names[0]).stem.lower() == Path(names[1]).stem.lower():
-        return _by_content(listing, names)
-    depths = [name for name in names if _DEPTH.search(Path(name).stem.lower())]
-    pictures = [name for name in names if name not in depths and not MAPS.search(Path(name).stem)]
-    if not depths or not pictures:
-        return None
-    if len(pictures) == 1 and len(depths) == 1:
-        return pictures[0], depths[0]
-    named = {_words(name): name for name in reversed(pictures)}
-    pairs = [(named[_words(depth)], depth) for depth in depths if _words(depth) in named]
-    counted = read_names(tuple(pictures)) is not None  # views, of which each may have its own depth
-    if not pairs or (counted and 2 * len(_frames(listing)) < len(pictures)):
-        return None
-    return pairs[0]
+def _stem(name: str) -> str:
+    return name.rpartition(".")[0].lower()
+
+
+def _words(name: str) -> str:
+    """A name without its suffix, the words for depth and colour, and zeros before numbers."""
+    rest = _BETWEEN.sub("", _COLOUR.sub("", _DEPTH.sub("", _stem(name))))
+    return re.sub(r"0+(?=\d)", "", rest)
 
 
 def _frames(listing: Listing) -> list[str]:
     """The pictures of a recording by a depth camera (rgb_0001, depth_0001; rgb/, depth/)."""
-    if folders := depth_folders(listing):
-        return list_scene(listing.file(folders[0])).pictures()
-    return [name for name in listing.pictures() if _FRAME.fullmatch(Path(name).stem.lower())]
+    return [name for name in listing.pictures() if _FRAME.fullmatch(_stem(name))]
 
 
-def _words(name: str) -> str:
-    """A name without its suffix and the words for depth and colour."""
-    return _BETWEEN.sub("", _COLOUR.sub("", _DEPTH.sub("", Path(name).stem.lower())))
-
-
-@lru_cache(maxsize=2)
-def _recorded(listing: Listing) -> tuple[str, str] | None:
-    """The first picture and its depth map in a depth camera's recording, with a folder each for
-    colour and depth: the same name, else the nearest number (times differ slightly).
-    """
-    folders = depth_folders(listing)
-    if folders is None:
-        return None
-    colour, depth = folders
-    pictures, maps = (list_scene(listing.file(name)).pictures() for name in (colour, depth))
-    numbered = read_names(tuple(pictures))
-    if not pictures or not maps or (numbered is not None and not numbered.runs):
-        return None  # a grid of views, each with its depth
-    stem, number = Path(pictures[0]).stem, _number(pictures[0])
-    nearest_map = min(maps, key=lambda name: (Path(name).stem != stem, abs(_number(name) - number)))
-    return f"{colour}/{pictures[0]}", f"{depth}/{nearest_map}"
-
-
-def _number(name: str) -> float:
-    """The last number in a name; 0 if there is none."""
-    return float(["0", *re.findall(r"\d{1,20}(?:\.\d{1,9})?", Path(name).stem)][-1])
-
-
-def _by_content(listing: Listing, names: list[str]) -> tuple[str, str] | None:
-    """The picture and its depth map, of two files with one stem: the depth map is grey, and the
-    smoother one of two grey ones.
-    """
-    if one_picture_twice(listing) is not None:
-        return None
-    looks = {name: glance(listing.file(name)) for name in names}
-    colours = {name: colour_levels(look) for name, look in looks.items()}
-    grey = [name for name in names if colours[name] < _GREY]
-    if not grey or (len(grey) == 1 and max(colours.values()) < COLOURED):
-        return None
-    depth = min(grey, key=lambda name: float(np.abs(cv2.Laplacian(looks[name], cv2.CV_32F)).mean()))
-    return next(name for name in names if name != depth), depth
+def _pair(listing: Listing) -> tuple[str, str] | None:
+    """Names of a picture and of its depth map; the first of several pairs."""
+    names = listing.pictures()
+    depths = [name for name in names if _DEPTH.search(_stem(name))]
+    pictures = [name for name in names if name not in depths and not MAPS.search(_stem(name))]
+    if len(pictures) == 1 and len(depths) == 1:
+        return pictures[0], depths[0]
+    named = {_words(name): name for name in reversed(pictures)}
+    pairs = [(named[_words(depth)], depth) for depth in depths if _words(depth) in named]
+    counted = read_names(tuple(pictures)) if pairs else None
+    # views, of which each may have its own depth
+    views = counted is not None and not (counted.runs and 2 * len(_frames(listing)) > len(pictures))
+    return None if views or not pairs else pairs[0]
 
 
 def colour_levels(picture: NDArray[Any]) -> float:
@@ -195,7 +143,7 @@ def _beside(picture: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]] | None:
         return None
     for first, second in (halves(picture, above=False), halves(picture, above=True)):
         for image, depth in ((first, second), (second, first)):
-            if colour_levels(depth) < _GREY and colour_levels(image) > COLOURED:
+            if colour_levels(depth) < COLOURED < colour_levels(image):
                 return image, depth
     return None
 
@@ -226,12 +174,6 @@ def _read(listing: Listing) -> _Photo:
         )
         if len(_frames(listing)) > 1:
             doubt = "; ".join(filter(None, (_FRAMES, doubt)))
-        if (
-            paths[0].stem.lower() == paths[1].stem.lower()
-            and picture.ndim == 2
-            and "/" not in pair[0]
-        ):
-            doubt = "; ".join(filter(None, (f"whether {pair[1]} is the depth of {pair[0]}", doubt)))
         return _Photo(paths=paths, picture=picture, full=full, nearness=near, why=why, doubt=doubt)
     path = require_picture(listing)
     picture, full = read_picture(path)
@@ -286,30 +228,15 @@ def _disparity(photo: _Photo, height: int, width: int) -> NDArray[np.float32]:
 
 def filled(near: NDArray[np.float32], low: float, high: float) -> NDArray[np.float32]:
     """Nearness (h, w) as a share of its range from low to high; unmeasured pixels, which are NaN,
-    are behind their neighbours.
+    are as near as their nearest neighbour.
     """
     share = np.clip((near - np.float32(low)) / np.float32(high - low), 0, 1)
     known = np.isfinite(near)
     if not known.any():
         return np.zeros_like(near)
     if not known.all():
-        behind = cv2.erode(
-            np.where(known, share, np.float32(1)), np.ones((_HOLE_PX, _HOLE_PX), np.uint8)
-        )
-        share = np.where(known, share, np.asarray(behind).ravel()[nearest(known)])
+        share = share.ravel()[nearest(known)]
     return np.asarray(share, np.float32)
-
-
-def _unused(listing: Listing, photo: _Photo) -> list[str]:
-    """The other pictures of the folder, or of the folders of a recording."""
-    if not _recorded(listing):
-        return [name for name in listing.pictures() if listing.file(name) not in photo.paths]
-    return [
-        f"{folder.name}/{name}"
-        for folder in dict.fromkeys(path.parent for path in photo.paths)
-        for name in list_scene(folder).pictures()
-        if folder / name not in photo.paths
-    ]
 
 
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
@@ -319,7 +246,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     require_grid(rows, cols, str(listing.path))
     picture = photo.picture
     notes = [f"{rows}x{cols} views are rendered from one picture and its depth; {photo.why}"]
-    if unused := _unused(listing, photo):
+    if unused := [name for name in listing.pictures() if listing.file(name) not in photo.paths]:
         notes.append(f"not used: {some(unused)}")
     scale = (_MAX_PX / (picture.shape[0] * picture.shape[1])) ** 0.5
     if scale < 1:

@@ -9,7 +9,6 @@ mosaic-video   numbered mosaics in a folder (25 a second), or a video of mosaics
 """
 
 import math
-import re
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -29,63 +28,58 @@ from lfpipe.scene.layouts._grid import (
     named_views,
     parse_grid,
 )
-from lfpipe.scene.layouts._running import lay_out, reduced
+from lfpipe.scene.layouts._running import find_columns, reduced
 from lfpipe.scene.layouts._tiles import (
     QUILT_NAME,
     find_tiles,
     is_film,
     last_picture,
-    likeness,
     plane_of,
     require_picture,
     single_picture,
     tiling,
 )
 from lfpipe.scene.optical_flow import returned_flow, textured
-from lfpipe.scene.plausibility import measure_views
 from lfpipe.scene.source import GridTransform, Layout, SceneSource
 from lfpipe.scene.video import USUAL_RATE_HZ, Video, second_stream, telling_frame
 
-# longer side of the examined copy; px of detail that red and green must have in common
-_GLANCE_PX, _FEWEST_PX = 512, 300
-# shift between red and green: more than lens errors; less if the name contains "anaglyph"
-_ASIDE_PX, _NAMED_ASIDE_PX = 1.5, 0.5
+# longer side of the examined copy
+_ASIDE_PX = 1.5  # shift between red and green: more than lens errors
 _DOWN_SHARE = 0.15  # of the motion across: both eyes are at one height
-_ANAGLYPH = re.compile(r"anaglyph|(?<![a-z])(red|rot|rouge|rosso)[-_ ]?(cyan|blue|blau|bleu|blu)")
+_GLANCE_PX = 512  # longer side of the examined copy
+_ASIDE_PX = 1.5  # shift between red and green: more than lens errors
+_DOWN_SHARE = 0.15  # of the motion across: both eyes are at one height
 _SMALL_PX = 128  # side of frames to compare
-_PLAIN_LEVELS = 2.0  # spread of a frame below which it shows nothing, as the noise of a dark one
 _STILLS = ("JPEG", "TIFF", "HEIF")  # several pictures in one such file are no animation
 
 
 def _is_anaglyph(picture: NDArray[Any], name: str) -> bool:
-    """Whether red is shifted against green and blue, as between the pictures of two eyes."""
-    if picture.ndim == 2:
-        return False
+    """Whether the name says so, or red is shifted against green, as between the pictures of two
+    eyes.
+    """
+    if "anaglyph" in name.lower():
+        return True
     small = reduced(picture, _GLANCE_PX)
+    if picture.ndim == 2 or min(small.shape[:2]) < 24:
+        return False
     red, green = (
         np.asarray(cv2.equalizeHist(plane_of(small[..., channel])), np.uint8) for channel in (0, 1)
     )
-    if min(red.shape) < 24:
-        return False
     aside, confirmed = returned_flow(red, green)
     detail = confirmed & textured(green)
-    if np.count_nonzero(detail) < _FEWEST_PX:
+    if not detail.any():
         return False
     across, down = np.abs(aside[detail]).T
     across_px = float(np.percentile(across, 70))
-    least_px = _NAMED_ASIDE_PX if _ANAGLYPH.search(name.lower()) else _ASIDE_PX
-    return bool(across_px > least_px and np.median(down) < max(0.5, _DOWN_SHARE * across_px))
+    return bool(across_px > _ASIDE_PX and np.median(down) < max(0.5, _DOWN_SHARE * across_px))
 
 
 def _describe_picture(listing: Listing, scene: config.Scene) -> SceneSource:
     path = require_picture(listing)
-    if not scene.force and _is_anaglyph(read_picture(path)[0], path.stem):
-        raise UserError(
-            f"{path}: is a red/cyan anaglyph: each eye's picture has lost its other colours, so"
-            " the two cannot be separated",
-            "give the stereo pair that it was made from; --set scene.force=true shows it flat",
-        )
-    notes = tuple(f"{name} is the same picture" for name in listing.pictures() if name != path.name)
+    note = (
+        "this looks like a red/cyan anaglyph, which is shown flat: its colours do not give back the"
+        " stereo pair"
+    )
     return files_source(
         "picture",
         listing,
@@ -93,7 +87,7 @@ def _describe_picture(listing: Listing, scene: config.Scene) -> SceneSource:
         (1, 1),
         turn=GridTransform(),
         turn_by="there is one view",
-        notes=notes,
+        notes=(note,) if _is_anaglyph(read_picture(path)[0], path.stem) else (),
     )
 
 
@@ -102,30 +96,6 @@ def _animation(listing: Listing) -> Path | None:
     path = single_picture(listing)
     header = open_header(path) if path else None
     return path if header and header.frames > 1 and header.format not in _STILLS else None
-
-
-def _one_way(frames: list[NDArray[Any]]) -> list[NDArray[Any]]:
-    """The frames before the sequence reverses; all of them if it does not."""
-
-    def same(a: int, b: int) -> bool:
-        # dithering differs by a level or two
-        return float(cv2.norm(frames[a], frames[b], cv2.NORM_L1)) < 2.0 * frames[a].size
-
-    count = len(frames)
-    for last, back in ((count // 2, count), (count // 2 - 1, count - 1)):
-        pairs = [(k, back - k) for k in range(last) if back - k < count and k < back - k]
-        if (
-            len(pairs) >= max(1, (count - 1) // 2)
-            and count > 2
-            and all(same(a, b) for a, b in pairs)
-        ):
-            return frames[: back // 2 + 1]
-    return frames
-
-
-def _showing(frames: list[NDArray[Any]]) -> list[NDArray[Any]]:
-    """The frames that show something, or all if none does: others are no views."""
-    return [frame for frame in frames if float(plane_of(frame).std()) >= _PLAIN_LEVELS] or frames
 
 
 def _frames(path: Path) -> list[NDArray[Any]]:
@@ -152,51 +122,32 @@ def _describe_animation(listing: Listing, scene: config.Scene) -> SceneSource:
     given = grid is not None and math.prod(grid) == len(frames)
     if is_video and grid is not None and not given:  # of the tiles in each frame
         return _describe_tiles("mosaic-video", listing, scene)
-    views = frames if given else _one_way(_showing(frames))
-    small = [plane_of(reduced(view, _SMALL_PX)) for view in views]
-    run, places, again = lay_out(small.__getitem__, [True] * len(views), grid, range(len(views)))
+    small = [plane_of(reduced(frame, _SMALL_PX)) for frame in frames]
+    run = find_columns(small.__getitem__, [True] * len(frames), grid)
     if run is None:
-        raise misfit(str(path), len(views), grid)
-    at = {run.index(place): views[position] for position, place in places.items()}
-    notes = [f"frame {late} is the same picture as frame {early}" for late, early in again.items()]
-    if len(views) < len(frames):
-        notes.append(
-            f"{len(views)} of {len(frames)} frames are used: the others repeat them in reverse, or"
-            " show nothing"
+        raise misfit(str(path), len(frames), grid)
+    height, width = frames[0].shape[:2]
+    if is_video and run.rows == 1 and scene.layout == "auto" and not grid:
+        what = f"no tiles were recognised in {width}x{height} px, and its frames form no grid"
+        raise UserError(
+            "; ".join([f"{path}: {what}", *second_stream(path)]),
+            f"if the camera slid sideways, make views with `lfpipe scene make {path}`; else give"
+            " the tiles with --set scene.grid=ROWSxCOLS, or open the frames as one line with --set"
+            " scene.layout=gif",
         )
-    if run.rows > 1:
-        notes.append(described_run(run, grid))
-    height, width = views[0].shape[:2]
-    source = SceneSource(
+    return SceneSource(
         certain=False,
         layout="gif",
         path=listing.path,
         files=(path,),
         rows=run.rows,
         cols=run.cols,
-        read=lambda frame, row, col: at[row, col],
-        missing=frozenset(set(np.ndindex(run.shape)) - set(at)),
+        read=lambda frame, row, col: frames[row * run.cols + col],
         height_px=height,
         width_px=width,
         doubt=run.doubt,
-        notes=tuple(notes),
+        notes=(described_run(run, grid),) if run.rows > 1 else (),
     )
-    unsteady = is_video and run.rows == 1 and scene.layout == "auto" and not grid
-    measured = measure_views(source) if unsteady else None
-    if unsteady and not (measured and measured.change):
-        raise UserError(
-            "; ".join(
-                [
-                    f"{path}: no tiles were recognised in {width}x{height} px, and its frames form"
-                    " no grid",
-                    *second_stream(path),
-                ]
-            ),
-            f"if the camera slid sideways, make views with `lfpipe scene make {path}`; else give"
-            " the tiles with --set scene.grid=ROWSxCOLS, or open the frames as one line with --set"
-            " scene.layout=gif",
-        )
-    return source
 
 
 def _detect_animation(listing: Listing) -> int | None:
@@ -226,6 +177,17 @@ def _detect_mosaics(listing: Listing) -> int | None:
     return 45 if _has_tiles(read_picture(first_path)[0], first_path) else None
 
 
+def _alike(a: Path, b: Path) -> bool:
+    """Whether two pictures may be frames of one video."""
+    small = [
+        cv2.resize(plane_of(read_picture(path)[0]), (32, 32), interpolation=cv2.INTER_AREA)
+        for path in (a, b)
+    ]
+    return min(look.std() for look in small) > 1 and bool(
+        np.corrcoef(small[0].ravel(), small[1].ravel())[0, 1] > 0.5
+    )
+
+
 def _mosaics(layout: str, listing: Listing) -> tuple[list[Path], tuple[str, ...]]:
     """The pictures of tiles, and a note if they are not frames of one video.
 
@@ -234,22 +196,14 @@ def _mosaics(layout: str, listing: Listing) -> tuple[list[Path], tuple[str, ...]
     if layout != "mosaic-video":
         return [require_picture(listing)], ()
     paths = [listing.file(name) for name in listing.pictures()] or [require_picture(listing)]
-    headers = [open_header(path) for path in paths]
-    usual = headers[0].size
-    if len(paths) > 1 and (
-        (usual, headers[0].grey) != (headers[1].size, headers[1].grey)
-        or likeness(*paths[:2]) <= 0.5
-    ):
-        return paths[:1], (
-            (
-                f"{len(paths)} unrelated pictures: using {paths[0].name}; to see another one, give"
-                " its path"
-            ),
-        )
-    for path, header in zip(paths, headers, strict=True):
-        if header.size != usual:
+    sizes = [open_header(path).size for path in paths]
+    if len(paths) > 1 and (sizes[0] != sizes[1] or not _alike(*paths[:2])):
+        note = f"{len(paths)} unrelated pictures: using {paths[0].name}; to see another one, give"
+        return paths[:1], (f"{note} its path",)
+    for path, size in zip(paths, sizes, strict=True):
+        if size != sizes[0]:
             raise UserError(
-                f"{path}: has {header.size}, but {paths[0].name} has {usual}",
+                f"{path}: has {size}, but {paths[0].name} has {sizes[0]}",
                 "export it again with frames of one size",
             )
     return paths, ()

@@ -42,7 +42,7 @@ NAME = "stereo"
 # Middlebury's pairs, the left one first
 _NUMBERED = {"im2": "im6", "im0": "im1", "view1": "view5", "img_left": "img_right"}
 # folders of two cameras that recorded side by side
-_CAMERAS = re.compile(r"(image|img|cam|camera|eye|sensor)s?[-_ ]?\d{1,2}(/.*)?")
+_CAMERA = re.compile(r"(image|img|cam|camera)s?[-_ ]?\d{1,2}")
 # of names in lower case, with spaces for "_"
 _FULL_OR_HALF = r"(?<![a-z])((h|half|f|full)?[-. ]?"
 _BESIDE = re.compile(
@@ -57,14 +57,13 @@ _ABOVE = re.compile(
     r"|(top|bottom)[- ]?(and[- ]?)?(top|bottom))|3dv)(?![a-z])"
 )
 _HALF = re.compile(r"(?<![a-z])(h|half)[-. ]?(sbs|ou|tb|tab|bt|width|over|top|bottom|side)")
-_VIDEO_ASPECTS = (1.7, 1.85)  # a picture of this shape contains halves squeezed to half their width
 _GLANCE_PX = 384  # longer side of the compared halves
 _AGREED = 0.5  # minimum share of the detail of two halves that flow matches
 
 
 # descriptor of a stereo JPEG: bytes of the kind and the arrangement, and bits of a third byte
 _STEREO, _SIDE_BY_SIDE, _OVER_UNDER = 1, 2, 3
-_HALF_HEIGHT, _HALF_WIDTH, _LEFT_FIRST = 1, 2, 4
+_HALF_WIDTH, _LEFT_FIRST = 2, 4
 
 
 @attrs.frozen(kw_only=True)
@@ -91,47 +90,17 @@ def _pairs(listing: Listing) -> list[tuple[str, str]]:
         # more than two are all views of a Middlebury set
         if left in by_stem and right in by_stem and numbered <= 4:
             return [(by_stem[left], by_stem[right])]
-    if recorded := _recorded(listing):
-        return recorded
+    folders = sorted({stem.rpartition("/")[0] for stem in by_stem})
+    cameras = len(folders) == 2 and all(map(_CAMERA.fullmatch, folders))
     sides: dict[str, dict[bool, str]] = {}
     for stem, name in by_stem.items():
-        if side := side_of(stem):
+        folder, _, rest = stem.rpartition("/")
+        if side := side_of(stem) or ((rest, folder == folders[0]) if cameras else None):
             sides.setdefault(side[0], {})[side[1]] = name
     pairs = [(both[True], both[False]) for both in sides.values() if len(both) == 2]
-    cameras = read_names(tuple(left for left, _ in pairs)) if len(pairs) > 3 else None
+    grid = read_names(tuple(left for left, _ in pairs)) if len(pairs) > 3 else None
     # two grids of cameras, left and right, are not an album of pairs
-    return [] if cameras is not None and not cameras.runs else pairs
-
-
-def _recorded(listing: Listing) -> list[tuple[str, str]]:
-    """Pairs over time of two cameras with a folder each; none if the pictures are rows of a grid,
-    which differ vertically.
-    """
-    names = listing.pictures()
-    folders = list(dict.fromkeys(name.rpartition("/")[0] for name in names))
-    if len(folders) not in (2, 4) or not all(_CAMERAS.fullmatch(name.lower()) for name in folders):
-        return []
-    left, right = folders[:2]
-    pairs = [
-        (name, right + name.removeprefix(left)) for name in names if name.startswith(f"{left}/")
-    ]
-    pairs = [pair for pair in pairs if pair[1] in names]
-    return (
-        # fewer may be rows of a small grid
-        pairs if len(pairs) >= 3 and _differ_sideways(*map(listing.file, pairs[0])) else []
-    )
-
-
-@lru_cache(maxsize=2)
-def _differ_sideways(a: Path, b: Path) -> bool:
-    """Whether two files show one scene from two positions, clearly side by side."""
-    pictures = read_picture(a)[0], read_picture(b)[0]
-    if pictures[0].shape != pictures[1].shape or not are_a_pair(*pictures):
-        return False
-    greys = [plane_of(reduced(picture, _GLANCE_PX)) for picture in pictures]
-    motion, confirmed = returned_flow(*greys)
-    across, down = np.percentile(np.abs(motion[confirmed & textured(greys[0])]), 90, axis=0)
-    return bool(across > 2 * down)
+    return [] if grid is not None and not grid.runs else pairs
 
 
 def _alone(listing: Listing) -> Path | None:
@@ -180,17 +149,16 @@ def _arrangement(path: Path) -> _Halves | None:
     if second and second[0].shape == picture.shape and are_a_pair(picture, second[0]):
         return _Halves(above=False, squeezed=False, crossed=False, why="", mark=55, streams=True)
     aspect = picture.shape[1] / picture.shape[0]
-    video = _VIDEO_ASPECTS[0] < aspect < _VIDEO_ASPECTS[1]
     for above, word, likely in (
         (False, _BESIDE, aspect > 1.2),
-        (True, _ABOVE, aspect < 1.0 or video),
+        (True, _ABOVE, aspect < 1.0),
     ):
         named = bool(word.search(name))
         if (named or likely) and are_a_pair(*halves(picture, above)):
             begins = "the name states a format that begins with the left eye's picture" * named
             return _Halves(
                 above=above,
-                squeezed=squeezed or video,
+                squeezed=squeezed,
                 crossed=crossed,
                 why=why if crossed else begins,
                 # the halves of a mosaic are alike, too: unless the name says so, tiles come first
@@ -216,7 +184,7 @@ def _described(path: Path, descriptor: int) -> _Halves | None:
     first = "left" if flags & _LEFT_FIRST else "right"
     return _Halves(
         above=above,
-        squeezed=bool(flags & (_HALF_HEIGHT if above else _HALF_WIDTH)),
+        squeezed=not above and bool(flags & _HALF_WIDTH),
         crossed=first == "right",
         why=f"its descriptor says that the {first} eye's picture comes first",
         mark=95,
@@ -284,7 +252,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
             (f"2 of {len(others) + 2} files used; the others are {some(others)}",) if others else ()
         )
         eyes = {(0, col): name for col, name in enumerate(pairs[0])}
-        by_name = not _recorded(listing)
+        by_name = "/" not in pairs[0][0] or side_of(pairs[0][0]) is not None
         return files_source(
             NAME,
             listing,
