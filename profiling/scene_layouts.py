@@ -1,11 +1,12 @@
-"""What sets of many kinds open as: right, undecided or refused.
+"""What sets of many kinds open as: right, undecided, with a note, or refused.
 
     python -m profiling.scene_layouts --out profiling/results/layouts.md --before EARLIER.md
 
 Every set of ../shared/data/lightfields, light fields under many names and in many files, and what
 is none. "right": the expected grid, with every view where it belongs. "undecided": the program says
-that it cannot tell. "WRONG": sure, and not right. Last, the sets of tests/scene/people_sets.py:
-"right" as the table there expects it; "REFUSED" and "OPENED": against expectation. --before: an
+that it cannot tell. "note": the program says that the views hardly fit together. "WRONG": sure, and
+not right. Last, the sets of tests/scene/people_sets.py: "right" as the table there expects it;
+"REFUSED" and "OPENED": against expectation. --before: an
 earlier result, whose words stand in a column of their own.
 """
 
@@ -24,6 +25,7 @@ from PIL import Image
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene.analysis import analyse_scene
+from lfpipe.scene.lightfield import HARDLY_FIT
 from profiling.arguments import parser_of
 from tests.scene import made, people_sets, test_pictures, test_plausibility, writers
 
@@ -205,6 +207,15 @@ def cases() -> Iterator[Case]:
             writers.numbered(portraits, "{}.jpg"),
             None,
         )
+    inwards, quilt = (
+        test_plausibility.LIGHT_FIELDS["looking inwards"],
+        made.views(1, 32, 150, 200, 1.5, -0.3),
+    )
+    yield Case(
+        "sample sets", "looking inwards", partial(made.write_grid, grid=inwards), (5, 5), inwards
+    )
+    tiles = made.mosaic(quilt.reshape(8, 4, 150, 200, 3)[::-1])
+    yield Case("sample sets", "a quilt", writers.one("x_qs4x8.png", tiles), (1, 32), quilt)
 
 
 def verdict(case: Case, path: Path) -> tuple[str, str]:
@@ -219,8 +230,8 @@ def verdict(case: Case, path: Path) -> tuple[str, str]:
     turn = found.orientation.turn
     rows, cols = turn.grid(source.rows, source.cols)
     what = f"{source.layout} {rows}x{cols}"
-    if case.grid is None:
-        return ("undecided" if found.orientation.undecided else "WRONG"), what
+    if HARDLY_FIT in source.notes:
+        return "note", what
     right = (rows, cols) == case.grid
     if right and case.true is not None:
         places = [

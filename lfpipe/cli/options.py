@@ -112,7 +112,7 @@ def with_config(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def with_scene(command: Callable[..., Any]) -> Callable[..., Any]:
-    """--layout, --grid, --flip, --force, --config and --set, as config: how to open a scene."""
+    """--layout, --grid, --flip, --config and --set, as config: how to open a scene."""
 
     @click.option("--layout", metavar="NAME", help="Layout on disk; default: detect it.")
     @click.option(
@@ -125,16 +125,10 @@ def with_scene(command: Callable[..., Any]) -> Callable[..., Any]:
         type=click.Choice(["none", "rows", "cols", "both"]),
         help="Reverse rows or columns of the grid.",
     )
-    @click.option(
-        "--force",
-        is_flag=True,
-        default=None,
-        help="Accept pictures that do not look like one light field.",
-    )
     @with_config
     @functools.wraps(command)
     def run(*given: Any, config: Any, **values: Any) -> Any:
-        how = {f"scene.{key}": values.pop(key) for key in ("layout", "grid", "flip", "force")}
+        how = {f"scene.{key}": values.pop(key) for key in ("layout", "grid", "flip")}
         config = updated(config, {key: value for key, value in how.items() if value is not None})
         return command(*given, config=config, **values)
 

@@ -50,7 +50,7 @@ from lfpipe.render.synthesis.compositor import settings_for_scene
 from lfpipe.render.ui.notices import GLASSES
 from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import NAMES, demo_scene
-from lfpipe.scene.lightfield import LightField
+from lfpipe.scene.lightfield import HARDLY_FIT, LightField
 from lfpipe.scene.open_scene import Opened, PackerRequest, find_packed
 from lfpipe.scene.pack import open_pack, summarize
 from lfpipe.scene.recent_scenes import recent_scenes, remember_scene
@@ -417,6 +417,8 @@ def startup_lines(
     ]
     if plan.needs_tracking and field.folder and not field.complete:
         lines.append("depth\tmeasuring disparity; until then, views are cross-faded")
+    if HARDLY_FIT in field.manifest.notes:
+        lines.append(f"note\t{HARDLY_FIT}")
     return lines
 
 

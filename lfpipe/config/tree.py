@@ -365,7 +365,6 @@ class Scene:
             " detect it"
         ),
     )
-    force: bool = key(False, doc="accept pictures that do not look like one light field")
     cache_dir: str = key("", replays=False, doc="folder for packs; empty: your cache directory")
 
 

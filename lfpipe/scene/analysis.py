@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene import layouts
-from lfpipe.scene.classification import Measurements, SceneKind
 from lfpipe.scene.description import FILE, stated, with_stated
 from lfpipe.scene.files import library_errors
 from lfpipe.scene.lightfield import Depth, OrientationFacts
 from lfpipe.scene.orientation import Orientation, orient
-from lfpipe.scene.plausibility import plausible
+from lfpipe.scene.plausibility import Measurements, plausible
 from lfpipe.scene.source import GridTransform, SceneSource, ViewIndex
 
 STRIP_ROWS = 256  # rows of a large view processed at a time, to limit memory
@@ -57,10 +56,7 @@ class AnalysedScene:
     @property
     def too_far_apart(self) -> bool:
         """Whether the views are too far apart to interpolate between them."""
-        return (
-            self.measured is not None
-            and self.measured.classification.kind is SceneKind.TOO_FAR_APART
-        )
+        return self.measured is not None and self.measured.far is not None
 
     @property
     def depth(self) -> Depth:
@@ -147,8 +143,8 @@ def checked_source(
 
 
 def analyse_source(source: SceneSource, scene: config.Scene) -> AnalysedScene:
-    """Analyses a few views. Raises UserError if they do not form a light field."""
-    source, measured = plausible(source, scene.force)
+    """Analyses a few views."""
+    source, measured = plausible(source)
     middle = source.read(source.telling, *source.middle)
     ends = (
         {(0, 0), (0, source.cols - 1), (source.rows - 1, source.cols - 1)}
@@ -159,8 +155,8 @@ def analyse_source(source: SceneSource, scene: config.Scene) -> AnalysedScene:
         source.rendered or all(is_grey(source.read(source.telling, *place)) for place in ends)
     )
     order = orient(source, scene)
-    if measured is not None and measured.missed_motion is not None:
-        order = attrs.evolve(order, depth=_depth_of(source, order, measured.missed_motion))
+    if measured is not None and measured.far is not None:
+        order = attrs.evolve(order, depth=_depth_of(source, order, measured.far))
     gamma, gamma_by = _gamma(source, scene, middle)
     return AnalysedScene(
         source=source,

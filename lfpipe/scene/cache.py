@@ -78,7 +78,7 @@ def _settings_key(scene: config.Scene) -> str:
     used = {
         key: value
         for key, value in attrs.asdict(scene).items()
-        if key not in ("cache_dir", "force", "invert_depth")
+        if key not in ("cache_dir", "invert_depth")
     }
     return json.dumps({"version": VERSION, **used}, sort_keys=True)
 

@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 from lfpipe.scene.source import Geometry, GridTransform
 
 VERSION = 13  # of the pack format; part of the cache key
+HARDLY_FIT = (  # a note of manifests, which the window shows, too
+    "The views hardly fit together. If this is not one scene, open one of its folders or pictures."
+)
 
 
 @attrs.frozen(kw_only=True)

@@ -68,7 +68,7 @@ def test_pack_scene_keeps_unknown_disparity(tmp_path: Path) -> None:
     for row in range(3):
         for col in range(3):
             cv2.imwrite(str(folder / f"view_{row:02d}_{col:02d}.png"), field.views[0, row, col, 0])
-    cached = config.Scene(cache_dir=str(tmp_path / "cache"), force=True)
+    cached = config.Scene(cache_dir=str(tmp_path / "cache"))
     packed = pack_scene(folder, cached, scores)
     assert (
         packed.disparity is not None

@@ -89,19 +89,6 @@ def views(
     return out
 
 
-def refocused(slopes: np.ndarray) -> np.ndarray:
-    """A light field refocused at several depths, as a line of pictures, uint8 (1, n, 144, 192)."""
-    grid = views(9, 9, 144, 192, 2.0, -2.0)[..., 1].astype(np.float32)
-    out = [
-        sum(
-            np.roll(grid[r, c], (round(s * (r - 4)), round(s * (c - 4))), (0, 1))
-            for r, c in np.ndindex(9, 9)
-        )
-        for s in slopes
-    ]
-    return np.stack([np.asarray(total / 81, np.uint8) for total in out])[None]
-
-
 def wall(rows: int, cols: int, height: int, width: int, step_px: int = 2) -> NDArray[np.uint8]:
     """Views of one textured wall, uint8 (rows, cols, height, width, 3), which moves by step_px from
     view to view.

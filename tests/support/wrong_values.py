@@ -328,7 +328,7 @@ def names(rng: random.Random, folder: Path) -> Path:
 def described_folder(rng: random.Random, folder: Path) -> Path:
     """Views with files of values beside them."""
     made.write_grid(folder, VIEWS)
-    settings = {"layout": "numbered", "grid": "2x2", "flip": "rows", "force": True, "gamma": 2.2}
+    settings = {"layout": "numbered", "grid": "2x2", "flip": "rows", "gamma": 2.2}
     key = rng.choice(list(settings))
     value = rng.choice((*hostile_files.TOML_TEXTS, "'0x0'", "'99999x1'", "'quilt'", "-1", "1e308"))
     (folder / "lightfield.toml").write_text(f"[scene]\n{key} = {value}\n")

@@ -95,7 +95,7 @@ class Ui:
         self._waiting = self._first_page() if first else None
         if not (context.options.lock_code or self.page or self._waiting):
             self.notices.show("hint", HINT, HINT_NS)
-        self._changes.ask_about_depth()
+        self._changes.show_doubts()
         self._set_overlay(now_ns())  # keys that are pressed now are for the menu
 
     def _first_page(self) -> Page | None:

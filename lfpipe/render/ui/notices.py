@@ -11,6 +11,7 @@ from lfpipe.render.synthesis.zero_plane import zero_plane_px
 from lfpipe.render.ui.files import Files
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.scene.inverted_depth import remember, undecided
+from lfpipe.scene.lightfield import HARDLY_FIT
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.histogram import summary_ms
@@ -164,17 +165,21 @@ class ChangeNotices:
         is_new = field.name != self._scene
         if is_new:
             self._shown.show("scene", field.name)
-            self.ask_about_depth()
+            self.show_doubts()
         elif field.depth_inverted != self._inverted:
             self._shown.show("depth order", "depth is inverted: press d to undo")
         self._scene, self._inverted = field.name, field.depth_inverted
         return is_new
 
-    def ask_about_depth(self) -> None:
-        """Shows how to invert depth, the first time that a scene of undecided depth is shown."""
+    def show_doubts(self) -> None:
+        """Shows that the views of a scene hardly fit together; and how to invert depth, the first
+        time that a scene of undecided depth is shown.
+        """
         options = self._context.options
         field = self._viewer.field
         on_screen = isinstance(options.display, Window) and not options.lock_code
+        if on_screen and HARDLY_FIT in field.manifest.notes:
+            self._shown.show("views", HARDLY_FIT, ASKED_NS)
         if on_screen and undecided(field, self._context.config.scene.invert_depth):
             self._shown.show("depth order", "press d if the depth looks inverted", ASKED_NS)
             self._files.do(partial(remember, field, "asked"))
