@@ -185,7 +185,7 @@ def plan(path: Path, as_json: bool, config: Config) -> None:
     "-v",
     "--verbose",
     is_flag=True,
-    help="Also log the interpretations of SCENE that were compared.",
+    help="Also log what was measured.",
 )
 def info(path: Path, as_json: bool, verbose: bool, config: Config) -> None:
     """Show SCENE's layout, grid, order of views, disparity and geometry."""

@@ -21,9 +21,6 @@ from lfpipe.scene.source import GridTransform, SceneSource, ViewIndex
 
 STRIP_ROWS = 256  # rows of a large view processed at a time, to limit memory
 SCREEN_GAMMA = 2.2  # for linear-light pictures: out = in ** (1 / gamma)
-# Threshold of median brightness: linear-light pictures of ordinary scenes are darker, screen-ready
-# ones brighter.
-_DARK = 0.17
 STATED = {"yes": True, "no": False}  # scene.invert_depth
 FrameIndex = tuple[int, int, int]  # frame, row, column
 
@@ -157,7 +154,11 @@ def analyse_source(source: SceneSource, scene: config.Scene) -> AnalysedScene:
     order = orient(source, scene)
     if measured is not None and measured.far is not None:
         order = attrs.evolve(order, depth=_depth_of(source, order, measured.far))
-    gamma, gamma_by = _gamma(source, scene, middle)
+    gamma, gamma_by = 1.0, ""
+    if scene.gamma != "auto":
+        gamma, gamma_by = float(scene.gamma), "set by scene.gamma"
+    elif source.linear:
+        gamma, gamma_by = SCREEN_GAMMA, f"{source.layout} holds linear light"
     return AnalysedScene(
         source=source,
         orientation=order,
@@ -178,20 +179,6 @@ def _depth_of(source: SceneSource, order: Orientation, moved: tuple[float, float
     return Depth(min_px=low, max_px=high, border_low_px=low, border_high_px=high)
 
 
-def _gamma(source: SceneSource, scene: config.Scene, middle: NDArray[Any]) -> tuple[float, str]:
-    """The exponent for this scene and the reason."""
-    if scene.gamma != "auto":
-        return float(scene.gamma), "set by scene.gamma"
-    if source.linear:
-        return SCREEN_GAMMA, f"{source.layout} holds linear light"
-    if not source.rendered and looks_linear(middle, source.max_value):
-        return (
-            SCREEN_GAMMA,
-            "dark with black corners, like undeveloped plenoptic pictures; scene.gamma=1 keeps it",
-        )
-    return 1.0, ""
-
-
 def is_grey(pixels: NDArray[Any]) -> bool:
     """Whether a picture has one plane or three equal ones."""
     if pixels.ndim == 2:
@@ -200,27 +187,6 @@ def is_grey(pixels: NDArray[Any]) -> bool:
     return all(
         np.array_equal(s[..., 0], s[..., 1]) and np.array_equal(s[..., 1], s[..., 2])
         for s in strips
-    )
-
-
-def looks_linear(middle: NDArray[Any], max_value: int) -> bool:
-    """Whether a middle view looks like undeveloped linear light of a plenoptic camera: dark, and
-    black rounded corners.
-
-    Darkness alone would also catch scenes lit by a lamp. Rectification leaves the black corners.
-    """
-    step = max(1, min(middle.shape[:2]) // 1024)  # a sample of pixels suffices for a large view
-    middle = middle[::step, ::step]
-    grey = (middle if middle.ndim == 2 else middle.mean(axis=2)) / max_value
-    side = max(2, min(grey.shape) // 64)
-    black = sum(
-        float(grey[rows, cols].max()) < 0.01
-        for rows in np.s_[:side, -side:]
-        for cols in np.s_[:side, -side:]
-    )
-    empty = float(np.mean(grey < 0.01))  # a black background is not a vignette
-    return bool(
-        float(np.median(grey)) < _DARK and float(grey.mean()) < 0.2 and black >= 2 and empty < 0.15
     )
 
 

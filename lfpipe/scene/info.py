@@ -12,25 +12,6 @@ from lfpipe.scene.analysis import AnalysedScene
 from lfpipe.scene.lightfield import DisparitySource, LightField, Manifest
 from lfpipe.scene.packing import manifest_of
 
-_NAMES = (
-    "name",
-    "source",
-    "layout",
-    "rows",
-    "cols",
-    "height",
-    "width",
-    "channels",
-    "bit_depth",
-    "frames",
-    "frame_rate_hz",
-    "flips",
-    "geometry",
-    "gamma",
-    "gamma_by",
-    "notes",
-)
-
 
 def scene_manifest(scene: AnalysedScene) -> Manifest:
     """The manifest of an analysed scene before it is packed, in display order. Offsets are rounded
@@ -52,31 +33,8 @@ def scene_manifest(scene: AnalysedScene) -> Manifest:
 
 
 def facts(manifest: Manifest, pack: str = "") -> dict[str, Any]:
-    """The facts of `lfpipe scene info --json`. pack: its folder, "" if there is none."""
-    told = attrs.asdict(manifest)
-    disparity = told["disparity"]
-    low_px, high_px = disparity.pop("min_px"), disparity.pop("max_px")
-    known = manifest.disparity.source is not DisparitySource.UNKNOWN
-    return {
-        **{name: told[name] for name in _NAMES},
-        "orientation_evidence": told["orientation"],
-        "disparity": {
-            "min": low_px if known else None,
-            "max": high_px if known else None,
-            **disparity,
-        },
-        "views_missing": [
-            [r, c]
-            for r, line in enumerate(manifest.present)
-            for c, is_present in enumerate(line)
-            if not is_present
-        ],
-        "irregular": manifest.offsets is not None,
-        "method": manifest.method or None,
-        "scores_db": manifest.scores,
-        "pack": pack or None,
-        "pack_bytes": _size_bytes(pack),
-    }
+    """What `lfpipe scene info --json` prints. pack: its folder, "" if there is none."""
+    return {**attrs.asdict(manifest), "pack": pack or None, "pack_bytes": _size_bytes(pack)}
 
 
 def _size_bytes(pack: str) -> int:
@@ -84,57 +42,61 @@ def _size_bytes(pack: str) -> int:
 
 
 def lines(manifest: Manifest, pack: str = "") -> list[str]:
-    """The same facts for people."""
-    order = manifest.orientation
-    words = {
-        "rows": "rows reversed",
-        "cols": "columns reversed",
-        "transpose": "rows and columns swapped",
-    }
-    turned = " and ".join(text for name, text in words.items() if getattr(manifest.flips, name))
-    size = f"{manifest.rows}x{manifest.cols} views of {manifest.width}x{manifest.height} px"
-    out = [f"{manifest.name}: {size}, layout {manifest.layout}"]
-
-    def say(what: str, text: str) -> None:
-        out.append(f"  {what:11} {text}")
-
-    colour = "colour" if manifest.channels == 3 else "grey"
+    """The facts for people."""
+    order, about, flips = manifest.orientation, manifest.disparity, manifest.flips
+    turned = ["rows reversed"] * flips.rows + ["columns reversed"] * flips.cols
+    turned += ["rows and columns swapped"] * flips.transpose
     tone = f", gamma {manifest.gamma:g} ({manifest.gamma_by})" if manifest.gamma != 1 else ""
-    say("depth", f"{manifest.bit_depth} bit, {colour}{tone}")
-    certainty = f"{order.by}, sure" if order.sure else order.by
-    say("order", f"{turned or 'as in the files'}: {order.reason} ({certainty})")
-    if order.undecided:
-        say("undecided", f"{order.undecided}; `lfpipe scene describe` states what is right")
-    if manifest.frames > 1:
-        say("video", f"{manifest.frames} frames at {manifest.frame_rate_hz:g} Hz")
-    about = manifest.disparity
-    unmeasured = {
-        DisparitySource.NONE: "none",
-        DisparitySource.UNKNOWN: "measured when the scene is packed",
-    }
+    sure = ", sure" if order.sure else ""
     where = "" if pack else " from a few views"
-    span = f"{about.min_px:+.2f} to {about.max_px:+.2f} px per view, {about.source}{where}"
-    say("disparity", unmeasured.get(about.source, span))
     units = [
         f"{name.replace('_', ' ')} {value:g} {unit}"
         for key, value in attrs.asdict(manifest.geometry).items()
         for name, unit in [key.rsplit("_", 1)]
         if value
     ]
-    say("geometry", ", ".join(units) or "not known")
     scores = ", ".join(f"{name} {value:.1f} dB" for name, value in manifest.scores.items())
     quality = f" (quality when predicting held-out views: {scores})" if scores else ""
-    if manifest.method:
-        say("method", f"{manifest.method}{quality}")
-    for note in manifest.notes:
-        say("note", note)
-    say(
-        "pack",
-        f"{_size_bytes(pack) / 1e6:.1f} MB in {pack}"
-        if pack
-        else "none yet: `lfpipe scene pack` or `up` makes it",
-    )
-    return out
+    told = [
+        (
+            "depth",
+            f"{manifest.bit_depth} bit, {'colour' if manifest.channels == 3 else 'grey'}{tone}",
+        ),
+        (
+            "order",
+            f"{' and '.join(turned) or 'as in the files'}: {order.reason} ({order.by}{sure})",
+        ),
+        (
+            "undecided",
+            order.undecided and f"{order.undecided}; `lfpipe scene describe` states what is right",
+        ),
+        (
+            "video",
+            f"{manifest.frames} frames at {manifest.frame_rate_hz:g} Hz" * (manifest.frames > 1),
+        ),
+        (
+            "disparity",
+            {
+                DisparitySource.NONE: "none",
+                DisparitySource.UNKNOWN: "measured when the scene is packed",
+            }.get(
+                about.source,
+                f"{about.min_px:+.2f} to {about.max_px:+.2f} px per view, {about.source}{where}",
+            ),
+        ),
+        ("geometry", ", ".join(units) or "not known"),
+        ("method", manifest.method and f"{manifest.method}{quality}"),
+        *(("note", note) for note in manifest.notes),
+        (
+            "pack",
+            f"{_size_bytes(pack) / 1e6:.1f} MB in {pack}"
+            if pack
+            else "none yet: `lfpipe scene pack` or `up` makes it",
+        ),
+    ]
+    size = f"{manifest.rows}x{manifest.cols} views of {manifest.width}x{manifest.height} px"
+    head = f"{manifest.name}: {size}, layout {manifest.layout}"
+    return [head, *(f"  {what:11} {text}" for what, text in told if text)]
 
 
 def expected_field(manifest: Manifest) -> LightField:

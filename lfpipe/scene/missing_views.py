@@ -1,5 +1,5 @@
-"""Fills in missing views from the nearest present one: warped by its disparity, holes filled from
-behind.
+"""What stands for missing views: the nearest present one, or one view warped to the place of another
+by its disparity, with holes filled from behind.
 """
 
 from typing import Any
@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.scene.lightfield import UNKNOWN
 from lfpipe.scene.optical_flow import FloatMap, displaced
 
 _HIDDEN_PX = 1.0  # parallax that separates a surface from the one behind it
@@ -88,29 +87,3 @@ def warped_view(
     flat = out.reshape(out.shape[0] * out.shape[1], -1).copy()
     flat[hidden.ravel()] = flat[nearest(usable)[hidden]]
     return flat.reshape(out.shape)
-
-
-def fill_missing(
-    present: NDArray[np.bool_],
-    views: NDArray[np.uint8],
-    disparity: NDArray[np.int8],
-    scale_px: float,
-) -> None:
-    """Writes each missing view of a frame and its disparity into the arrays of a pack.
-
-    disparity: in scale_px.
-    """
-    for row, col in zip(*(index.tolist() for index in np.nonzero(~present)), strict=True):
-        near = nearest_present(present, row, col)
-        steps = float(row - near[0]), float(col - near[1])
-        planes = views[near]
-        height, width = planes.shape[1:]
-        stored = disparity[near]
-        half = np.where(stored == UNKNOWN, 0, stored).astype(np.float32) * np.float32(scale_px)
-        full = np.asarray(
-            cv2.resize(half, (width, height), interpolation=cv2.INTER_LINEAR), np.float32
-        )
-        target = warped_disparity(full, *steps)
-        views[row, col] = [warped_view(plane, full, target, *steps) for plane in planes]
-        small = cv2.resize(target, half.shape[::-1], interpolation=cv2.INTER_AREA)
-        disparity[row, col] = np.clip(np.rint(small / np.float32(scale_px)), -127, 127)

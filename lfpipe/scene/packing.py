@@ -54,7 +54,7 @@ from lfpipe.scene.lightfield import (
     Manifest,
     MethodScores,
 )
-from lfpipe.scene.missing_views import fill_missing, nearest_present
+from lfpipe.scene.missing_views import nearest_present
 from lfpipe.scene.optical_flow import SMALLEST_PX
 from lfpipe.scene.pack import (
     DISPARITY,
@@ -284,8 +284,8 @@ def write_disparity(scene: AnalysedScene, folder: Path, progress: Progress) -> D
         steps = interim()[place].astype(np.float32)
         steps[steps == _UNKNOWN] = np.nan
         out()[place] = quantised(steps * np.float32(_INTERIM_PX), scale_px)
-    for frame in range(frames):
-        fill_missing(scene.present, views()[frame], out()[frame], scale_px)
+    for row, col in np.argwhere(~scene.present).tolist():
+        out()[:, row, col] = out()[:, *nearest_present(scene.present, row, col)]
     ends = out()[scene.source.telling, rows // 2, [0, cols // 2, cols - 1]]
     interim_file.unlink()
     low, high = border_range(np.where(ends == UNKNOWN, np.nan, ends * np.float32(scale_px)))

@@ -194,31 +194,7 @@ MANIFEST = {
     "errors": {"nearest": list, "blend": list, "warp": list, "warp2": list},
     "method": str,
 }
-FACTS = {
-    **{
-        name: MANIFEST[name]
-        for name in (
-            *("name", "source", "layout", "rows", "cols", "height", "width", "channels"),
-            *("bit_depth", "frames", "frame_rate_hz", "flips", "geometry", "gamma", "gamma_by"),
-            "notes",
-        )
-    },
-    "orientation_evidence": MANIFEST["orientation"],
-    "disparity": {
-        "min": float,
-        "max": float,
-        "source": str,
-        "scale_px": float,
-        "border_low_px": float,
-        "border_high_px": float,
-    },
-    "views_missing": list,
-    "irregular": bool,
-    "method": str,
-    "scores_db": MANIFEST["scores"],
-    "pack": str,
-    "pack_bytes": int,
-}
+FACTS = {**MANIFEST, "checksum": str, "pack": str, "pack_bytes": int}
 
 
 def kinds(value: object) -> object:
@@ -231,7 +207,7 @@ def kinds(value: object) -> object:
 def test_manifest_and_json_of_a_pack_have_their_keys(shell: Shell, tmp_path: Path) -> None:
     folder = made.write_grid(tmp_path / "reversed", made.views(5, 5)[::-1, ::-1])
     unpacked = shell.json("info", folder)
-    assert kinds(unpacked) == {**FACTS, "method": None, "pack": None, "scores_db": {}}
+    assert kinds(unpacked) == {**FACTS, "pack": None, "scores": {}, "errors": {}}
     facts = shell.json("pack", folder)
     stored = json.loads((Path(facts["pack"]) / "manifest.json").read_text())
     assert kinds(stored) == MANIFEST
@@ -242,9 +218,9 @@ def test_manifest_and_json_of_a_pack_have_their_keys(shell: Shell, tmp_path: Pat
     assert [packed[name] for name in sizes] == ["rows-cols", 5, 5, 96, 128, 3, 8, 1]
     shown = ({"rows": True, "cols": True, "transpose": False}, stored["orientation"])
     for told in (unpacked, packed):
-        assert (told["flips"], told["orientation_evidence"]) == shown
-        assert told["disparity"]["min"] == pytest.approx(-1, abs=0.3)
-        assert told["disparity"]["max"] == pytest.approx(2, abs=0.4)
+        assert (told["flips"], told["orientation"]) == shown
+        assert told["disparity"]["min_px"] == pytest.approx(-1, abs=0.3)
+        assert told["disparity"]["max_px"] == pytest.approx(2, abs=0.4)
     assert (stored["flips"]["rows"], stored["disparity"]["max_px"]) == (
         False,
         pytest.approx(1, abs=0.3),
@@ -254,10 +230,8 @@ def test_manifest_and_json_of_a_pack_have_their_keys(shell: Shell, tmp_path: Pat
     assert facts["disparity"]["border_low_px"] == -stored["disparity"]["border_high_px"]
 
 
-def test_json_of_what_was_not_measured_is_null(shell: Shell, tmp_path: Path) -> None:
+def test_json_says_what_was_not_measured(shell: Shell, tmp_path: Path) -> None:
     made.write(tmp_path / "photo.png", made.texture(60, 80, 3))
-    told = shell.json("info", tmp_path / "photo.png")
-    assert (told["disparity"]["min"], told["disparity"]["max"]) == (None, None)
-    assert (told["disparity"]["source"], told["views_missing"]) == ("unknown", [])
+    assert shell.json("info", tmp_path / "photo.png")["disparity"]["source"] == "unknown"
     pack = shell.json("pack", tmp_path / "photo.png")
     assert (pack["disparity"]["source"], pack["method"], pack["scores"]) == ("none", "nearest", {})
