@@ -50,7 +50,6 @@ class OrderSource(enum.StrEnum):
     NOTHING = "nothing"
     OVERRIDE = "override"
     COORDINATES = "coordinates"
-    TRUTH = "truth"
     LAYOUT = "layout"
     FLOW = "flow"
 

@@ -1,5 +1,5 @@
-"""What stands for missing views: the nearest present one, or one view warped to the place of another
-by its disparity, with holes filled from behind.
+"""What stands for missing views: the nearest present one, or one view warped to the place of
+another by its disparity, with holes filled from behind.
 """
 
 from typing import Any

@@ -12,8 +12,7 @@ UNMISTAKABLE, AGAINST = (
     16,
     10,
 )  # agreeing positions required, and how many of them one opposing position cancels
-# grey levels between two surfaces; between a surface and the observed view
-DIFFERENT, SAME, WRONG = 10, 3, 6
+SAME = 3  # grey levels between a surface and the view that shows it, at most
 # positions along the shorter side of a view, one vote each; its pixels must agree by this many
 SIDE, MAJORITY = 20, 3
 
@@ -93,12 +92,11 @@ def _votes(
         & known[front]
         & known[back]
     )
-    meet &= np.abs(colour[front] - colour[back]) > DIFFERENT
     front = front[meet]
     back = back[meet]
     seen = there.ravel()[meet]
     front_off, back_off = np.abs(colour[front] - seen), np.abs(colour[back] - seen)
     out = np.zeros(here.size, np.int32)
-    np.add.at(out, front, (front_off < SAME) & (back_off > WRONG))
-    np.subtract.at(out, front, (back_off < SAME) & (front_off > WRONG))
+    np.add.at(out, front, (front_off < SAME) & (back_off > SAME))
+    np.subtract.at(out, front, (back_off < SAME) & (front_off > SAME))
     return out.reshape(here.shape)

@@ -3,13 +3,12 @@
 In canonical order, a step to the next column moves a point by -d along x, and a step to the next
 row by -d along y. The direction of motion reveals a transposed grid; the sign of the correlation
 of the two motions reveals one flipped axis. Flipping both axes changes neither: it inverts depth.
-Formats, camera coordinates and true disparity define the depth order; pictures show it only where
-near surfaces occlude far ones (`occlusion`).
+Formats and camera coordinates define the depth order; pictures show it only where near surfaces
+occlude far ones (`occlusion`).
 """
 
 import math
 from collections.abc import Callable
-from itertools import product
 
 import attrs
 import cv2
@@ -17,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.scene.disparity import depth_range, mismatch, view_disparity
+from lfpipe.scene.disparity import depth_range, view_disparity
 from lfpipe.scene.lightfield import Depth, OrderSource, OrientationFacts
 from lfpipe.scene.occlusion import hides, places
 from lfpipe.scene.optical_flow import (
@@ -35,7 +34,6 @@ from lfpipe.scene.source import GridTransform, SceneSource
 
 ALONG = 2.0  # motion along a line of views over motion across it
 ALIKE = 0.4  # minimum correlation of disparities along rows and columns of an ordered grid
-TRUTH_LEADS = 0.2  # share by which true disparity must match better in one order than in all others
 SPREAD_PX = 3.0  # flow that separates surfaces
 FEWEST = 200  # reliable pixels; fewer are not significant
 _TURN_HELP = "scene.flip=rows or cols and scene.transpose=yes correct it"
@@ -113,8 +111,7 @@ class Axis:
 
 def orient(source: SceneSource, scene: config.Scene) -> Orientation:
     """The transform to canonical order: from the user's setting, else from coordinates or the
-    layout, checked against true disparity, else from optical flow between a few views. Includes
-    the ambiguities of the layout.
+    layout, else from optical flow between a few views. Includes the ambiguities of the layout.
     """
     best = _detected(source)
     if source.doubt:
@@ -166,23 +163,13 @@ def _detected(source: SceneSource) -> Orientation:
         return Orientation(turn=GridTransform(), by=OrderSource.LAYOUT, reason="there is one view")
     if source.turn is None:
         return _by_flow(source)
-    truth = None if source.rendered else _by_truth(source)
-    if truth not in (None, source.turn):
-        reason = (
-            f"{source.turn_by}, but true disparity matches the neighbouring views only in another"
-            " order"
-        )
-        return Orientation(turn=truth, by=OrderSource.TRUTH, reason=reason)
     stated = Orientation(
         turn=source.turn,
         by=OrderSource.LAYOUT if source.coordinates is None else OrderSource.COORDINATES,
         reason=source.turn_by,
     )
-    if truth is not None or source.turn_firm:
-        confirmation = (
-            "" if truth is None else "; true disparity matches the neighbouring views in this order"
-        )
-        return attrs.evolve(stated, reason=stated.reason + confirmation)
+    if source.turn_firm:
+        return stated
     by_flow = _by_flow(source)
     if by_flow.turn == source.turn:
         return attrs.evolve(
@@ -204,38 +191,6 @@ def _detected(source: SceneSource) -> Orientation:
         undecided=by_flow.undecided,
         depth_order_sure=False,
     )
-
-
-def _by_truth(source: SceneSource) -> GridTransform | None:
-    """The transform with which the true map of the middle view matches its neighbours best: that of
-    the layout unless another one is clearly better; None without a map.
-    """
-    row, col = source.middle
-    inside = (
-        row < source.rows - 1
-        and col < source.cols - 1
-        and not {(row, col + 1), (row + 1, col)} & source.missing
-    )
-    if (
-        (row, col) not in source.truth
-        or not inside
-        or min(source.height_px, source.width_px) < SMALLEST_PX
-    ):
-        return None
-    disparity = source.truth[row, col]()
-    grey = grey_views(source, math.inf)
-    errors: dict[GridTransform, float] = {}
-    for turn in (GridTransform(*flags) for flags in product((False, True), repeat=3)):
-        for step in ((0, 1), (1, 0)):
-            down, across = step[::-1] if turn.transpose else step
-            canonical = -down if turn.rows else down, -across if turn.cols else across
-            errors[turn] = errors.get(turn, 0.0) + float(
-                mismatch(
-                    grey(row, col), grey(row + step[0], col + step[1]), disparity, *canonical
-                ).mean()
-            )
-    best, second = sorted(errors, key=lambda turn: errors[turn])[:2]
-    return best if errors[best] < (1 - TRUTH_LEADS) * errors[second] else source.turn
 
 
 def _by_flow(source: SceneSource) -> Orientation:

@@ -1,9 +1,7 @@
 """The rules of the order of views, each by its definition."""
 
-from collections.abc import Callable
 from typing import Any
 
-import attrs
 import cv2
 import numpy as np
 import pytest
@@ -15,7 +13,7 @@ from lfpipe.scene.lightfield import OrderSource
 from lfpipe.scene.orientation import ALIKE, Axis, Orientation, measure_axis, orient, same_way
 from lfpipe.scene.source import GridTransform, SceneSource
 from tests.scene import made
-from tests.scene.made import TURNS, turned
+from tests.scene.made import TURNS
 from tests.scene.made import as_source as source
 
 AUTO = config.Scene()
@@ -106,50 +104,6 @@ def test_an_axis_is_measured_by_what_moves(sideways: bool, px: float) -> None:
     )
 
 
-TRUTH = {(2, 2): made.middle_disparity}
-
-
-@pytest.mark.parametrize("turn", TURNS, ids=str)
-def test_true_disparity_corrects_a_layout(turn: GridTransform) -> None:
-    """The map of the middle view lands on the neighbouring views in one order only."""
-    whole = source(
-        turned(made.views(5, 5), turn), turn=GridTransform(), turn_by="names", truth=TRUTH
-    )
-    asked = attrs.evolve(
-        whole,
-        read=lambda f, r, c: (
-            whole.read(f, r, c) if (r, c) != (3, 3) else pytest.fail("no neighbour")
-        ),
-    )
-    order = orient(asked, AUTO)
-    assert (
-        order.turn == turn
-        and order.by == ("layout" if turn == GridTransform() else "truth")
-        and order.sure
-        and order.depth_order_sure
-    )
-    assert orient(attrs.evolve(asked, rendered=True), AUTO).turn == GridTransform(), (
-        "not asked where the program drew it"
-    )
-    assert orient(attrs.evolve(asked, missing=frozenset({(2, 3)})), AUTO).by != "truth", (
-        "a neighbour is missing"
-    )
-    assert orient(attrs.evolve(asked, truth={(0, 2): made.middle_disparity}), AUTO).by != "truth", (
-        "not of the middle view"
-    )
-    for shape in ((1, 5), (5, 1)):
-        middle = {(shape[0] // 2, shape[1] // 2): made.middle_disparity}
-        line = source(
-            made.views(*shape)[::-1, ::-1], turn=GridTransform(), turn_by="names", truth=middle
-        )
-        assert orient(line, AUTO).by != "truth", "no view below, or none beside"
-
-
-FLAT: dict[tuple[int, int], Callable[[], np.ndarray]] = {
-    (2, 2): lambda: np.zeros((96, 128), np.float32)
-}
-AROUND = {place: lambda: -made.middle_disparity() for place in ((1, 1), (3, 3))}
-NAMED = {"turn_by": "names"}
 HABIT: dict[str, Any] = {"turn": GridTransform(), "turn_by": "habit", "turn_firm": False}
 PAINTED = made.texture(192, 256, 4)
 STEEP = np.array([[PAINTED[4 * k : 96 + 4 * k, 4 * k : 128 + 4 * k] for k in range(7)]])
@@ -199,30 +153,6 @@ ORDERS: dict[str, tuple[SceneSource, dict[str, Any], dict[str, Any], str]] = {
         )
         for height, width in ((1, 1), (6, 8), (23, 200))
     },
-    "a map that matches nowhere": (
-        source(GRID, turn=GridTransform(rows=True), truth=FLAT, **NAMED),
-        {},
-        {"turn": GridTransform(rows=True)},
-        "",
-    ),
-    # the least error of eight is no proof
-    "a map of something else": (
-        source(
-            GRID,
-            turn=GridTransform(rows=True),
-            truth={(2, 2): lambda: (made.texture(96, 128, 9)[..., 1] / 64 - 2).astype(np.float32)},
-            **NAMED,
-        ),
-        {},
-        {"turn": GridTransform(rows=True)},
-        "",
-    ),
-    "maps of other views, too": (
-        source(GRID[::-1], turn=GridTransform(), truth={**AROUND, **TRUTH}, **NAMED),
-        {},
-        {"turn": GridTransform(rows=True)},
-        "",
-    ),
     "a doubt of the layout": (
         source(GRID, doubt="perhaps 3x3"),
         {},

@@ -146,9 +146,8 @@ PACKS: dict[str, tuple[Make, dict[str, Any], dict[str, Any], np.ndarray | None]]
         {"depth_inverted": True, "manifest.orientation.depth_order_sure": True},
         made.views(5, 5),
     ),
-    # its columns run the other way than the layout's: its own depth says so, and stays of use
     "an lf.h5 with depth": (
-        h5(VIEWS, depth=(10 / (made.middle_disparity() + 3)).astype(np.float32)),
+        h5(VIEWS[:, ::-1], depth=(10 / (made.middle_disparity() + 3)).astype(np.float32)),
         {},
         {"disparity_source": "truth"}
         | {"disparity_min_px": pytest.approx(-1), "disparity_max_px": pytest.approx(2)},
