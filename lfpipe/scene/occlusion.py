@@ -12,7 +12,7 @@ UNMISTAKABLE, AGAINST = (
     16,
     10,
 )  # agreeing positions required, and how many of them one opposing position cancels
-SAME = 3  # grey levels between a surface and the view that shows it, at most
+SAME, WRONG = 3, 10  # grey levels between a surface and a view that shows it, or another one
 # positions along the shorter side of a view, one vote each; its pixels must agree by this many
 SIDE, MAJORITY = 20, 3
 
@@ -97,6 +97,6 @@ def _votes(
     seen = there.ravel()[meet]
     front_off, back_off = np.abs(colour[front] - seen), np.abs(colour[back] - seen)
     out = np.zeros(here.size, np.int32)
-    np.add.at(out, front, (front_off < SAME) & (back_off > SAME))
-    np.subtract.at(out, front, (back_off < SAME) & (front_off > SAME))
+    np.add.at(out, front, (front_off < SAME) & (back_off > WRONG))
+    np.subtract.at(out, front, (back_off < SAME) & (front_off > WRONG))
     return out.reshape(here.shape)

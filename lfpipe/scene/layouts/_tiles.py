@@ -157,18 +157,13 @@ def find_tiles(picture: NDArray[Any], name: str = "") -> Tiling | None:
             return Tiling.even(picture, rows, cols)
     rows, row_unlike = _period(plane, 0, height, down)
     cols, col_unlike = _period(plane, 1, width, across)
-    grid = Tiling.even(picture, rows, cols)
     if max(row_unlike, col_unlike) < _TWO_AXES:
-        return grid
-    strip = None
+        return Tiling.even(picture, rows, cols)
     if col_unlike < _ONE_AXIS and cols > 2:
-        strip = Tiling.even(picture, 1, cols)
-    elif row_unlike < _ONE_AXIS and rows > 2:
-        strip = Tiling.even(picture, rows, 1)
-    if strip is None or max(row_unlike, col_unlike) > _PLAIN:
-        return strip
-    either = f"{rows}x{cols}, or {strip.shape[0]}x{strip.shape[1]}"
-    return attrs.evolve(grid, doubt=f"the tiles: {either} (--set scene.grid=ROWSxCOLS)")
+        return Tiling.even(picture, 1, cols)
+    if row_unlike < _ONE_AXIS and rows > 2:
+        return Tiling.even(picture, rows, 1)
+    return None
 
 
 def _as_quilt(picture: NDArray[Any], plain: Tiling) -> Tiling:
