@@ -358,7 +358,10 @@ def test_a_line_of_photographs_is_in_the_order_of_their_times(tmp_path: Path) ->
         taken(tmp_path / f"DSC_{number:04d}.JPG", line[at], 8 + 0.5 * at)
     source = layouts.describe(tmp_path, AUTO)
     assert [int(path.stem[4:]) for path in source.files] == numbers
-    assert "DSC_9997.JPG, DSC_9998.JPG" in source.notes[0] and "=1x5 takes" in source.notes[0]
+    assert (
+        "DSC_9997.JPG, DSC_9998.JPG" in source.notes[0]
+        and "takes that of their names" in source.notes[0]
+    )
     stated = layouts.describe(tmp_path, config.Scene(grid="1x5"))
     assert [int(path.stem[4:]) for path in stated.files] == sorted(numbers)
     Image.fromarray(line[4]).save(tmp_path / "DSC_0002.JPG")  # edited: not all have a time

@@ -222,27 +222,29 @@ def _laid_out(
         names = {col: name for (_, col), name in numbered.views.items()}
     else:  # row and column, which the user's layout ignores
         names = dict(enumerate(numbered.views[place] for place in sorted(numbered.views)))
-    if not grid:
+
+    def filled(names: Mapping[int, str]) -> Running | None:
+        def read(position: int) -> NDArray[np.uint8]:
+            return reduced(small_grey(listing.file(names[position]), _SMALL_PX**2), _SMALL_PX)
+
+        return find_columns(read, [at in names for at in range(max(names) + 1)], grid)
+
+    run = filled(names)
+    if run is None:
+        raise misfit(str(listing.path), max(names) + 1, grid)
+    note = ""
+    if not grid and (run.rows == 1 or run.doubt):
         taken = {name: time for name in names.values() if (time := _taken(listing.file(name)))}
         by_time = sorted(names.values(), key=lambda name: taken.get(name, ""))
         if len(taken) == len(names) and by_time != list(names.values()):
+            names = dict(enumerate(by_time))
+            run = filled(names) or run
             note = (
-                "the views are in the order of the times at which they were taken, not in that of"
-                f" their names: {some(by_time)}; --set scene.grid=1x{len(names)} takes the names'"
-                " order"
+                f"in the order of their times, {some(by_time)}"
+                " (--set scene.grid=ROWSxCOLS takes that of their names); "
             )
-            line = Running(rows=1, cols=len(names))
-            return line, {(0, at): name for at, name in enumerate(by_time)}, note
-
-    def read(position: int) -> NDArray[np.uint8]:
-        return reduced(small_grey(listing.file(names[position]), _SMALL_PX**2), _SMALL_PX)
-
-    count = max(names) + 1
-    run = find_columns(read, [position in names for position in range(count)], grid)
-    if run is None:
-        raise misfit(str(listing.path), count, grid)
     views = {run.index(position): name for position, name in names.items()}
-    return run, views, described_run(run, grid)
+    return run, views, note + described_run(run, grid)
 
 
 def misfit(what: str, count: int, grid: ViewIndex | None) -> UserError:

@@ -24,7 +24,6 @@ MAPS = re.compile(
 )
 _SIDES = re.compile(r"(?<![a-z])(left|l|right|r)(?![a-z])")
 _RUN = 0.9  # share of a family that row and column must explain to outrank a running number
-_UNIT = 10**9  # fixed-point scale of numbers, which have up to nine decimals
 MAX_SIDE = 10_000  # views along one side of a grid
 _NUMBERS = (  # signs and decimals, as in coordinates; else digits alone
     re.compile(r"[+-]?[0-9]{1,20}(?:\.[0-9]{1,9})?(?![0-9]*\.[0-9])"),
