@@ -24,7 +24,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header, read_frames, read_picture
 from lfpipe.scene.files import VIDEOS, Listing
 from lfpipe.scene.layouts._grid import MIN_VIEW_PX, files_source, some
-from lfpipe.scene.layouts._names import read_names, side_of
+from lfpipe.scene.layouts._names import MAPS, read_names, side_of
 from lfpipe.scene.layouts._running import reduced
 from lfpipe.scene.layouts._tiles import (
     halves,
@@ -223,8 +223,14 @@ def _filmed(
 
 
 def detect(listing: Listing) -> int | None:
-    if _pairs(listing):
-        return 85
+    if pairs := _pairs(listing):
+        paired = {name for pair in pairs for name in pair}
+        others = [
+            name for name in listing.pictures() if name not in paired and not MAPS.search(name)
+        ]
+        if not others or Path(pairs[0][0]).stem.lower() in _NUMBERED or "/" in pairs[0][0]:
+            return 85
+        return 55  # left and right take precedence over rows and columns
     path = _alone(listing)
     if path is None:
         return None
