@@ -12,7 +12,7 @@ eyes      `profiling.eyes_tracks`: the default filter on the tracks of --tracks
 faces     failures of tests/track/test_people.py: real heads, hands and portraits
 viewer    viewpoints of every script of `lfpipe bench viewer`, the default settings
 pictures  `lfpipe bench viewer --quick`, pictures too
-layouts   `profiling.scene_layouts`: 0 for a set that opens right, 1 undecided, 2 wrong
+layouts   `profiling.scene_layouts`: 0 for a set that opens right, 1 undecided or with a note, 2 wrong
 table     `lfpipe bench table` on each --scene: PSNR
 
 All figures are deterministic, and less is better. Changes of less than 1 % count as none. A
@@ -200,7 +200,7 @@ def table(scenes: Sequence[Path]) -> Figures:
 def layouts() -> Figures:
     from profiling.scene_layouts import results
 
-    grades = {"right": 0.0, "refused": 0.0, "undecided": 1.0}
+    grades = {"right": 0.0, "refused": 0.0, "undecided": 1.0, "note": 1.0}
     return {f"{group}, {kind}": grades.get(word, 2.0) for group, kind, _, word, _ in results()}
 
 

@@ -2,18 +2,21 @@
 
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import attrs
 import numpy as np
 import pytest
 
-from lfpipe.config import Render, choices
+from lfpipe.config import Config, Render, SessionOptions, choices
+from lfpipe.config.modes import Window
 from lfpipe.config.tree import Anaglyph
 from lfpipe.render.synthesis.anaglyph import MATRICES
 from lfpipe.render.ui.glasses import glasses_test
-from lfpipe.render.ui.notices import SHOWN_NS, Notices
+from lfpipe.render.ui.notices import SHOWN_NS, ChangeNotices, Notices
 from lfpipe.render.ui.recording import RecordingIndicator
 from lfpipe.render.ui.scenes import SceneLoader
+from lfpipe.scene.lightfield import HARDLY_FIT, Manifest
 from lfpipe.sequence.folder import MANIFEST
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.control import Answer
@@ -26,6 +29,24 @@ def test_notices_pass_and_states_stay() -> None:
     notices.show("mode", "mode: mono")
     assert notices.lines(t_ns + SHOWN_NS - 1, ["", "paused"]) == ("mode: mono", "paused")
     assert notices.lines(now_ns() + SHOWN_NS, ["", "paused"]) == ("paused",)
+
+
+@pytest.mark.parametrize("lock_code", ["", "1"])
+def test_views_that_hardly_fit_are_named_once_in_a_window_that_is_not_locked(
+    lock_code: str,
+) -> None:
+    field = SimpleNamespace(
+        name="album",
+        depth_inverted=False,
+        manifest=Manifest(notes=(HARDLY_FIT,)),
+    )
+    context: Any = SimpleNamespace(
+        config=Config(), options=SessionOptions(display=Window(lock_code=lock_code))
+    )
+    viewer: Any = SimpleNamespace(field=field)
+    shown = Notices()
+    ChangeNotices(context, viewer, shown).show_doubts()
+    assert shown.lines(now_ns(), []) == (() if lock_code else (HARDLY_FIT,))
 
 
 @pytest.mark.parametrize(
