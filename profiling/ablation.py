@@ -12,7 +12,7 @@ eyes      `profiling.eyes_tracks`: the default filter on the tracks of --tracks
 faces     failures of tests/track/test_people.py: real heads, hands and portraits
 viewer    viewpoints of every script of `lfpipe bench viewer`, the default settings
 pictures  `lfpipe bench viewer --quick`, pictures too
-layouts   `profiling.scene_layouts`: 0 for a set that opens right, 1 undecided or with a note, 2 wrong
+layouts   `profiling.scene_layouts`: 0 for a set that opens right, 1 undecided or noted, 2 wrong
 table     `lfpipe bench table` on each --scene: PSNR
 
 All figures are deterministic, and less is better. Changes of less than 1 % count as none. A

@@ -12,7 +12,8 @@ UNMISTAKABLE, AGAINST = (
     16,
     10,
 )  # agreeing positions required, and how many of them one opposing position cancels
-SAME, WRONG = 3, 10  # grey levels between a surface and a view that shows it, or another one
+# grey levels between two surfaces; between a surface and the observed view
+DIFFERENT, SAME, WRONG = 10, 3, 6
 # positions along the shorter side of a view, one vote each; its pixels must agree by this many
 SIDE, MAJORITY = 20, 3
 
@@ -92,6 +93,7 @@ def _votes(
         & known[front]
         & known[back]
     )
+    meet &= np.abs(colour[front] - colour[back]) > DIFFERENT
     front = front[meet]
     back = back[meet]
     seen = there.ravel()[meet]
