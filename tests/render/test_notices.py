@@ -12,6 +12,7 @@ from lfpipe.config import Config, Render, SessionOptions, choices
 from lfpipe.config.modes import Window
 from lfpipe.config.tree import Anaglyph
 from lfpipe.render.synthesis.anaglyph import MATRICES
+from lfpipe.render.ui.files import Files
 from lfpipe.render.ui.glasses import glasses_test
 from lfpipe.render.ui.notices import SHOWN_NS, ChangeNotices, Notices
 from lfpipe.render.ui.recording import RecordingIndicator
@@ -45,7 +46,7 @@ def test_views_that_hardly_fit_are_named_once_in_a_window_that_is_not_locked(
     )
     viewer: Any = SimpleNamespace(field=field)
     shown = Notices()
-    ChangeNotices(context, viewer, shown).show_doubts()
+    ChangeNotices(context, viewer, shown, Files(context)).show_doubts()
     assert shown.lines(now_ns(), []) == (() if lock_code else (HARDLY_FIT,))
 
 
