@@ -94,7 +94,9 @@ def test_other_sizes_are_scaled_in_proportion_and_reported(
 def test_motion_jpeg_in_a_file(tmp_path: Path) -> None:
     path = video(tmp_path / "v.avi", "MJPG", [seen(jpeg(index)) for index in range(5)])
     text = f"file:{path}?pace=max"
-    assert check_source(text, CAMERA) == CameraViewer(source=text, rate_hz=25.0, jpeg_px=SIZE)
+    assert check_source(text, CAMERA) == CameraViewer(
+        source=text, rate_hz=25.0, jpeg_px=SIZE, name=text.partition("?")[0]
+    )
     assert (clock_of(text), clock_of(f"file:{path}")) == (Lossless(), Live())
     stored = path.read_bytes()
     source = FileSource(FileSpec(path), CAMERA)

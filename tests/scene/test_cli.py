@@ -194,7 +194,7 @@ MANIFEST = {
     "errors": {"nearest": list, "blend": list, "warp": list, "warp2": list},
     "method": str,
 }
-FACTS = {**MANIFEST, "checksum": str, "pack": str, "pack_bytes": int}
+FACTS = {**MANIFEST, "pack": str, "pack_bytes": int}
 
 
 def kinds(value: object) -> object:
