@@ -1,6 +1,6 @@
 """The metrics of the stage `capture`."""
 
-from lfpipe.sequence.recorder import METRICS as RECORDING
+from lfpipe.sequence.metrics import RECORDING
 from lfpipe.transport.metrics import Kind, Metric, MetricSet
 
 METRICS = MetricSet(

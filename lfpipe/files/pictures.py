@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageFile, TiffImagePlugin
 
 from lfpipe.errors import UserError
-from lfpipe.files.safe_files import open_file, open_regular
+from lfpipe.files.safe_files import open_file
 from lfpipe.host.files import proc_fd_path
 
 # 8192x8192 px of 8-bit colour, 7574x5264 px (lenslets of a Lytro Illum) of 16-bit colour
@@ -28,7 +28,6 @@ _MAX_TURNED_BYTES = 2 * MAX_DECODING_BYTES  # which no TIFF of one picture excee
 MAX_PICTURES = 4096  # in one file: 64x64 views
 FORMATS = ("JPEG", "PNG", "PPM", "BMP", "TIFF", "WEBP", "AVIF", "GIF", "HEIF")
 _HEIC = re.compile(rb"....ftyp(hei|hev|mif1|msf1)", re.DOTALL)
-_PICTURE = re.compile(rb"\xff\xd8\xff|\x89PNG\r\n|GIF8|RIFF....WEBP|....ftypavi[fs]", re.DOTALL)
 _GREY = ("1", "L", "I", "I;16", "I;16B", "I;16L")  # Pillow's modes of one sample per pixel
 _ORIENTATION = 0x0112  # EXIF's tag
 _MP_ENTRIES, _MP_NUMBER = 0xB002, 0xB101  # tags of a JPEG's index (CIPA DC-007)
@@ -414,14 +413,6 @@ def small_grey(path: Path, most_px: float) -> NDArray[np.uint8]:
     return np.asarray(
         grey if full == 255 else cv2.convertScaleAbs(grey, alpha=255 / full), np.uint8
     )
-
-
-def begins_as_picture(path: Path) -> bool:
-    """Whether a file begins like a picture whose format no other kind of file shares (raw pictures
-    of cameras begin like TIFF)."""
-    with contextlib.suppress(OSError), open_regular(path) as file:
-        return bool(_PICTURE.match(file.read(12)))
-    return False
 
 
 def upright(picture: NDArray[Any], orientation: int) -> NDArray[Any]:

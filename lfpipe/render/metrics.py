@@ -1,7 +1,7 @@
 """The metrics of the stage `render`."""
 
 from lfpipe.render.viewer.presence import ViewerState
-from lfpipe.sequence.recorder import METRICS as RECORDING
+from lfpipe.sequence.metrics import RECORDING
 from lfpipe.transport.metrics import Kind, Metric, MetricSet
 
 VIEWER_STATES = tuple(state.word for state in ViewerState)

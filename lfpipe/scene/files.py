@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError, quoted
-from lfpipe.files.pictures import begins_as_picture
-from lfpipe.files.safe_files import check_links, open_file, reason
+from lfpipe.files.safe_files import check_links, open_file, open_regular, reason
 from lfpipe.files.untrusted import finite
 from lfpipe.host.files import proc_fd_path
 from lfpipe.host.terminal import opencv_logging
 
+_BEGINNING = re.compile(rb"\xff\xd8\xff|\x89PNG\r\n|GIF8|RIFF....WEBP|....ftypavi[fs]", re.DOTALL)
 # twice the files of a light field of 100x100 views
 MAX_FILES = 20_000
 PICTURES = (
@@ -86,7 +86,14 @@ def is_picture(path: Path) -> bool:
     return name.endswith(PICTURES) or (not name.endswith(_NO_VIEWS) and _begins_as_picture(path))
 
 
-_begins_as_picture = lru_cache(maxsize=MAX_FILES)(begins_as_picture)
+@lru_cache(maxsize=MAX_FILES)
+def _begins_as_picture(path: Path) -> bool:
+    """Whether a file begins like a picture whose format no other kind of file shares (raw pictures
+    of cameras begin like TIFF).
+    """
+    with contextlib.suppress(OSError), open_regular(path) as file:
+        return bool(_BEGINNING.match(file.read(12)))
+    return False
 
 
 def natural(name: str) -> list[tuple[int, int, str]]:

@@ -20,16 +20,11 @@ from lfpipe.sequence.packets import encoded
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.control import Message
-from lfpipe.transport.metrics import Kind, Metric
 
 # of frames to encode: some seconds, so that a slow disk loses no frame
 BUFFER_BYTES = 128 << 20
 MIN_FRAMES = 8  # in that buffer, however large they are
 FULL_NS = 5 * MS_NS  # between checks of a full buffer
-METRICS = (
-    Metric("recorded", Kind.COUNT, "frames stored by recordings"),
-    Metric("unrecorded", Kind.COUNT, "frames that recordings missed"),
-)
 
 
 @attrs.frozen(kw_only=True)
@@ -138,7 +133,8 @@ class Recording:
 
 class Recorder:
     """The recordings of a stage: one that option "record" names at its start, and those of the
-    command "record". size_px: (width, height) of the frames. The row of the stage has `METRICS`.
+    command "record". size_px: (width, height) of the frames. The row of the stage has
+    `lfpipe.sequence.metrics.RECORDING`.
     """
 
     def __init__(self, context: Context, size_px: tuple[int, int]) -> None:

@@ -45,7 +45,6 @@ def outcome(path: Path) -> tuple[int, int, str]:
 def typed(monkeypatch: pytest.MonkeyPatch, *args: str | Path) -> int:
     """The exit code of `lfpipe replay` with these arguments."""
     monkeypatch.setattr(sys, "argv", ["lfpipe", "replay", *map(str, args)])
-    monkeypatch.setattr(cli, "leave", lambda *_: None)  # the runner has threads, too
     with pytest.raises(SystemExit) as ended:
         cli.run()
     return int(ended.value.code or 0)

@@ -94,12 +94,12 @@ def test_context_wait_is_not_ended_by_a_credit(session: Session, make: Make) -> 
     """
     context = make("track", True)
     eyes = context.output("eyes")
-    for reader in ("render", "record"):
+    for reader in ("render", "share"):
         credit = Wake(session.credit("eyes", reader))
         credit.notify(1)
         credit.close()
     assert wakes(context, 0.35) <= 6
-    context.table.rows["render"]["state"] = context.table.rows["record"]["state"] = State.RUNNING
+    context.table.rows["render"]["state"] = context.table.rows["share"]["state"] = State.RUNNING
     context.stopping = False
     eyes.begin()
     assert eyes.publish(0, 1, 1) == 1, "there is room"
@@ -119,12 +119,12 @@ def test_a_slot_wakes_the_readers_that_run(session: Session, make: Make) -> None
     context = make("track", False)
     eyes = context.output("eyes")
     context.table.rows["render"]["state"] = State.STARTING
-    context.table.rows["record"]["state"] = State.DEAD
+    context.table.rows["share"]["state"] = State.DEAD
     eyes.begin()
     eyes.publish(0, 1, 1)
     woken = {reader: Wake(session.wake("eyes", reader)).drain() for reader in consumers()["eyes"]}
     assert {reader for reader, slots in woken.items() if slots} == {"render"}
-    assert "record" in woken
+    assert "share" in woken
 
 
 def test_report_lost_counts_a_lost_output(make: Make) -> None:

@@ -1,0 +1,8 @@
+"""The metrics of the stages that record."""
+
+from lfpipe.transport.metrics import Kind, Metric
+
+RECORDING = (
+    Metric("recorded", Kind.COUNT, "frames stored by recordings"),
+    Metric("unrecorded", Kind.COUNT, "frames that recordings missed"),
+)
