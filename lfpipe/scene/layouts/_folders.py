@@ -12,6 +12,7 @@ from lfpipe.scene.files import Listing, list_scene
 from lfpipe.scene.layouts._grid import some
 from lfpipe.scene.layouts._names import MAPS, read_names
 
+_DEEPEST = 2  # levels of folders below a folder without pictures
 _BESIDE = re.compile(r"__macosx|raw|thumb(nail)?s|originals?|backup|calib(ration)?(_?data)?")
 # of a pair, or of a picture and its depth: their layouts decide which of the files they use
 PAIRED = re.compile(
@@ -21,13 +22,16 @@ PAIRED = re.compile(
 )
 
 
-def inner_listing(listing: Listing) -> Listing | None:
+def inner_listing(listing: Listing, deepest: int = _DEEPEST) -> Listing | None:
     """The pictures in subfolders, as names with a slash or as the only inner folder; None if there
     are none, or no more than in the folder itself. Raises UserError if the subfolders are separate
     scenes.
     """
     inner = _with_pictures(listing)
-    if len(inner) == 2 and all(map(PAIRED.fullmatch, inner)):
+    if not inner and deepest and not listing.is_file:
+        below = (inner_listing(one, deepest - 1) for one in _subfolders(listing).values())
+        return next(filter(None, below), None)
+    if _are_pair(inner):
         pass
     elif len(inner) > 1 or listing.pictures():
         inner = {
@@ -50,22 +54,38 @@ def inner_listing(listing: Listing) -> Listing | None:
     return attrs.evolve(listing, names=names, folders=())
 
 
-def _with_pictures(listing: Listing) -> dict[str, Listing]:
-    """The subfolders with pictures, by name; without unreadable ones."""
+def _subfolders(listing: Listing) -> dict[str, Listing]:
+    """The readable subfolders, by name."""
     found = {}
     for name in () if listing.is_file else listing.folders:
         with contextlib.suppress(UserError):
-            one = list_scene(listing.file(name))
-            if one.pictures():
-                found[name] = one
+            found[name] = list_scene(listing.file(name))
     return found
+
+
+def _with_pictures(listing: Listing, deepest: int = _DEEPEST) -> dict[str, Listing]:
+    """The subfolders with pictures, by name; one without pictures is replaced by the only one in it
+    that has some: cam0/data beside cam0/sensor.yaml.
+    """
+    found = {}
+    for name, one in _subfolders(listing).items():
+        below = {} if one.pictures() or not deepest else _with_pictures(one, deepest - 1)
+        if one.pictures():
+            found[name] = one
+        elif len(below) == 1:
+            found |= {f"{name}/{path}": inner for path, inner in below.items()}
+    return found
+
+
+def _are_pair(inner: dict[str, Listing]) -> bool:
+    return len(inner) == 2 and all(PAIRED.fullmatch(name.partition("/")[0]) for name in inner)
 
 
 def _are_parts(inner: dict[str, Listing]) -> bool:
     """Whether folders are rows of one scene, or a pair: their names are a pair's, or differ in a
     number only. A grid in each folder means one scene per folder.
     """
-    if len(inner) == 2 and all(map(PAIRED.fullmatch, inner)):
+    if _are_pair(inner):
         return True
     rows = read_names(tuple(inner))
     grids = [read_names(tuple(one.pictures())) for one in inner.values()]
