@@ -480,7 +480,7 @@ class RenderStage:
                 check_output(Path(message["path"]), [Path(path) for path in message["inputs"]])
             self._context.answer(message)
         except UserError as error:
-            self._context.refuse(message, error)
+            self._context.answer(message, error)
 
     def _exchange_viewer(self) -> None:
         """Takes the eyes from another source."""
@@ -488,7 +488,7 @@ class RenderStage:
         is_mouse = isinstance(viewer, MouseViewer)
         self._eyes.source.forget()
         if self._mouse.ring is not None:
-            self._context.end_output(self._mouse.ring)
+            self._mouse.ring.close()
         self._mouse.exchange(is_mouse)
         self._follow_mouse()
         self._viewer.exchange(isinstance(viewer, MouseViewer | RecordedEyes))

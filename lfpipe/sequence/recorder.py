@@ -162,7 +162,7 @@ class Recorder:
                 self._end()
             self._context.answer(message)
         except UserError as error:
-            self._context.refuse(message, error)
+            self._context.answer(message, error)
 
     def _begin(self, folder: Path) -> None:
         if self._recording is not None:

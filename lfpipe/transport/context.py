@@ -73,11 +73,6 @@ class Context:
         self._open.append(ring_output)
         return ring_output
 
-    def end_output(self, ring_output: RingOutput) -> None:
-        """Ends writing a ring."""
-        self._open.remove(ring_output)
-        ring_output.close()
-
     def ready(self) -> None:
         """Ends the setup: from now on, a missing heartbeat means a hang. Freezes the current
         objects so that the garbage collector skips them (gc.freeze).
@@ -154,14 +149,17 @@ class Context:
         self._ctl.send(control.encode({"cmd": word, **values}))
         self._used = True
 
-    def answer(self, command: control.Message, **result: Any) -> None:
-        """Answers a command of `commands` once it is executed: its client receives the result."""
-        self.request(control.EXECUTED, number=command.get("number", 0), ok=True, **result)
-
-    def refuse(self, command: control.Message, error: UserError) -> None:
-        """Answers a command that cannot be executed."""
-        result = {"error": error.message, "remedy": error.remedy}
-        self.request(control.EXECUTED, number=command.get("number", 0), ok=False, **result)
+    def answer(
+        self, command: control.Message, refusal: UserError | None = None, **result: Any
+    ) -> None:
+        """Answers a command of `commands` once it is executed: its client receives the result, or
+        the refusal.
+        """
+        if refusal is not None:
+            result = {"error": refusal.message, "remedy": refusal.remedy}
+        self.request(
+            control.EXECUTED, number=command.get("number", 0), ok=refusal is None, **result
+        )
 
     def ack_config(self) -> None:
         """Acknowledges the current `config`, `options` and `paused`."""

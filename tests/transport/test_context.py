@@ -140,6 +140,6 @@ def test_an_output_that_ends_leaves_no_descriptor(session: Session, make: Make) 
         output = context.output("eyes")
         output.begin()
         output.publish(1, 1, 1)
-        context.end_output(output)
+        output.close()
         counts.append(len(list(Path("/dev/fd").iterdir())))
     assert len(set(counts)) == 1
