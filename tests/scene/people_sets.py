@@ -356,7 +356,7 @@ SETS: dict[str, list[PeopleSet]] = {
         ),
         opens("color and depth", recorded(image="color"), "rgbd 5x9", text="00001"),
         opens("times of TUM", tum, "numbered 1x6", sure=False),
-        refuses("two folders down", below("a", below("b", grid(TWELVE))), "give the folder of the"),
+        opens("two folders down", below("a", below("b", grid(TWELVE))), "rows-cols 3x4", sure=True),
         *more(opens("images and depth", recorded(image="images"), "rgbd 5x9")),
         opens(
             "rgb_0000.png, depth_0000.png",

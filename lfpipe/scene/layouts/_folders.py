@@ -95,8 +95,8 @@ def _are_parts(inner: dict[str, Listing]) -> bool:
 
 def note_of(given: Listing, inner: Listing) -> str:
     """A note of the used and unused pictures of a folder; "" if all are used."""
-    used = {inner.path.name} if inner.path != given.path else set()
-    kept = used or {name.partition("/")[0] for name in inner.names}
+    used = {inner.path.relative_to(given.path).as_posix()} if inner.path != given.path else set()
+    kept = used or {name.rpartition("/")[0] for name in inner.names}
     others = given.pictures() + [f"{name}/" for name in _with_pictures(given) if name not in kept]
     taken = [f"the pictures are those of {name}" for name in used]
     return "; ".join(taken + [f"not used: {some(others)}"] * bool(others))

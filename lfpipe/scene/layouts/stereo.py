@@ -91,7 +91,9 @@ def _pairs(listing: Listing) -> list[tuple[str, str]]:
         if left in by_stem and right in by_stem and numbered <= 4:
             return [(by_stem[left], by_stem[right])]
     folders = sorted({stem.rpartition("/")[0] for stem in by_stem})
-    cameras = len(folders) == 2 and all(map(_CAMERA.fullmatch, folders))
+    cameras = len(folders) == 2 and all(
+        _CAMERA.fullmatch(folder.partition("/")[0]) for folder in folders
+    )
     sides: dict[str, dict[bool, str]] = {}
     for stem, name in by_stem.items():
         folder, _, rest = stem.rpartition("/")
