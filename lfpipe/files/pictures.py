@@ -32,6 +32,9 @@ _GREY = ("1", "L", "I", "I;16", "I;16B", "I;16L")  # Pillow's modes of one sampl
 _ORIENTATION = 0x0112  # EXIF's tag
 _MP_ENTRIES, _MP_NUMBER = 0xB002, 0xB101  # tags of a JPEG's index (CIPA DC-007)
 _JPS = b"_JPSJPS_"  # begins the segment that describes a stereo JPEG
+# EXIF's orientation -> steps along rows and columns of the upright picture, after a transposition
+# from 5 on
+_FLIPS = {2: (1, -1), 3: (-1, -1), 4: (-1, 1), 6: (1, -1), 7: (-1, -1), 8: (-1, 1)}
 _STRIP_ROWS = 256  # of a picture, which are converted at a time: a second copy is spared
 _OTHERS = {  # beginnings of other kinds of files, under the names of pictures
     b"\xff\x0a": "JPEG XL",
@@ -299,14 +302,17 @@ def _pixels(image: ImageFile.ImageFile, header: Header) -> NDArray[np.uint8]:
     mode = "L" if header.grey else "RGB"
     if header.alpha:
         mode = "RGBA"
-    size = image.height, image.width
+    orientation = 1 if header.format == "TIFF" else header.orientation  # Pillow has turned a TIFF
+    size = (image.width, image.height) if orientation >= 5 else (image.height, image.width)
     out = np.empty(size if header.grey else (*size, 3), np.uint8)
+    flips = _FLIPS.get(orientation, (1, 1))
+    stored = out[:: flips[0], :: flips[1]]  # written upright: a turned copy would cost memory
+    stored = stored.swapaxes(0, 1) if orientation >= 5 else stored
     for top in range(0, image.height, _STRIP_ROWS):
         bottom = min(top + _STRIP_ROWS, image.height)
         strip = image.crop((0, top, image.width, bottom)).convert(mode)
-        out[top:bottom] = _opaque(np.asarray(strip), 255)
-    # Pillow has turned a TIFF
-    return out if header.format == "TIFF" else upright(out, header.orientation)
+        stored[top:bottom] = _opaque(np.asarray(strip), 255)
+    return out
 
 
 def _opaque(pixels: NDArray[Any], full: int) -> NDArray[Any]:
