@@ -103,7 +103,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Func
         items[:] = [item for item in items if item.get_closest_marker("soak") is None]
     items.sort(key=lambda item: item.path.parent.name not in LONGEST_PACKAGES)
     for item in items:
-        if SESSIONS & set(item.fixturenames) and not any(
+        # an argument of a test may have the name of a fixture
+        given = item.callspec.params if hasattr(item, "callspec") else {}
+        if SESSIONS & (set(item.fixturenames) - set(given)) and not any(
             map(item.get_closest_marker, ("everyday", "alone", "soak", "camera_vm"))
         ):
             item.add_marker(pytest.mark.live)
