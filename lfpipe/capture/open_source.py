@@ -11,6 +11,7 @@ from lfpipe.capture.spec import CameraSpec, SourceKind, parse_source
 from lfpipe.config.modes import CameraViewer, Clock, RecordedEyes
 from lfpipe.errors import UserError, redacted
 from lfpipe.host.processes import usable_cores
+from lfpipe.plugins import IN_USE, blaming
 
 
 def resolve(text: str) -> SourceKind:
@@ -39,6 +40,7 @@ def camera_settings(settings: config.Config) -> config.Camera:
     return attrs.evolve(camera, rate_hz=camera.nominal_hz) if slow else camera
 
 
+@blaming(IN_USE)
 def open_source(text: str, camera: config.Camera, reconnect: bool = False) -> FrameSource:
     """Opens the source that text names, in one of `spec.forms`, or the first camera for an empty
     text.
@@ -60,6 +62,7 @@ def open_source(text: str, camera: config.Camera, reconnect: bool = False) -> Fr
     return source if spec.upright else orient(source, camera)
 
 
+@blaming(IN_USE)
 def _tried(text: str, camera: config.Camera) -> SourceInfo:
     """Opens the source, reads the first frame of a recording, closes it.
 

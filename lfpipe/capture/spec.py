@@ -20,7 +20,7 @@ from lfpipe.config.modes import Clock, Live, Lossless
 from lfpipe.errors import UserError, redacted
 from lfpipe.files.untrusted import finite
 from lfpipe.host import PORTABLE
-from lfpipe.plugins import SOURCES, guarded, load, plugins
+from lfpipe.plugins import IN_USE, SOURCES, blaming, load, plugins
 
 if TYPE_CHECKING:
     from lfpipe.capture.frame_source import FrameSource, SourceInfo
@@ -340,44 +340,14 @@ def parse_source(text: str) -> SourceKind:
     if prefix in KINDS:
         source = KINDS[prefix].parse(rest)
     elif prefix in plugins(SOURCES):
-        kind = guarded(load(SOURCES, prefix, KINDS), SOURCES, prefix, {"parse": SourceKind | None})
-        source = kind.parse(rest)
-        source = source and _guarded_kind(kind, source)
+        kind: type[SourceKind] = load(SOURCES, prefix)
+        IN_USE.append((SOURCES, prefix))
+        with blaming([(SOURCES, prefix)]):
+            source = kind.parse(rest)
     if source is None:
         remedy = NETWORK if prefix in STREAMS else f"use one of {forms()}"
         raise UserError(f"{redacted(text)!r}: not a frame source", remedy)
     return source
-
-
-def _guarded_kind(parser: Any, source: SourceKind) -> Any:
-    """The kind of a plug-in: what it returns is checked, and what it opens, too."""
-    from lfpipe.capture.frame_source import Frame, SourceInfo
-
-    results = {"info": SourceInfo, "read": Frame | None, "close": object}
-
-    def opened(result: Any) -> Any:
-        return parser.guard(result, results)
-
-    def opener(function: Any) -> Any:
-        return parser.bound("open", function, opened)
-
-    return parser.guard(
-        source,
-        {
-            "open": opened,
-            "opener": opener,
-            "probe": SourceInfo | None,
-            "definite": str,
-            "name_in_measurements": str,
-            "once": str,
-            "clock": Clock,
-            "file": Path | None,
-            "upright": bool,
-            "live": bool,
-            "time_limit_s": float,
-            "remedy": str,
-        },
-    )
 
 
 def playing_once(text: str) -> str:

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import click
 
-from lfpipe.plugins import COMMANDS, declared, load_target
+from lfpipe.plugins import COMMANDS, load, load_target, plugins
 
 SUMMARY_CHARS = 1000  # of a command: all of them
 
@@ -49,12 +49,12 @@ A = TypeVar("A", bound=Added)
 def added(place: str, kind: type[A]) -> dict[str, A]:
     """What other packages add to a command or group, by name. place: "" for `lfpipe` itself.
 
-    Broken ones are skipped; `lfpipe doctor` reports them.
+    Raises UserError if one is broken.
     """
     found: dict[str, A] = {}
-    for entry, part in declared(COMMANDS, Added).items():
+    for entry in plugins(COMMANDS):
         where, _, name = entry.rpartition(".")
-        if where == place and isinstance(part, kind):
+        if where == place and isinstance(part := load(COMMANDS, entry), kind):
             found[name] = part
     return found
 

@@ -13,7 +13,6 @@ import re
 import shutil
 import sys
 import zipfile
-from collections.abc import Callable, Collection
 from concurrent.futures import ThreadPoolExecutor
 from importlib.util import find_spec
 from pathlib import Path
@@ -24,7 +23,6 @@ import cv2
 from lfpipe import config, log
 from lfpipe.capture.camera_list import CameraDevice, asking, cameras, ranked
 from lfpipe.capture.open_source import check_source
-from lfpipe.capture.spec import KINDS
 from lfpipe.config import SessionOptions
 from lfpipe.config.modes import NoViewer
 from lfpipe.config.user_files import commented
@@ -35,29 +33,10 @@ from lfpipe.host import segment
 from lfpipe.host.files import is_missing
 from lfpipe.host.machine import has_gpu, install_command, versions
 from lfpipe.host.processes import ask_for_short_slices, usable_cores
-from lfpipe.plugins import (
-    COMMANDS,
-    DISPLAYS,
-    ENGINES,
-    FILTERS,
-    GROUPS,
-    LAYOUTS,
-    PAINTERS,
-    REQUESTS,
-    SOURCES,
-    STAGES,
-    guarded,
-    load,
-    plugins,
-)
-from lfpipe.render.display.open_display import BUILT_IN as DISPLAY_NAMES
 from lfpipe.render.display.open_display import has_display
 from lfpipe.render.synthesis.painter import open_painters
 from lfpipe.scene.cache import prepare_cache
-from lfpipe.scene.files import Listing
-from lfpipe.scene.layouts import RESULTS, built_in
 from lfpipe.supervisor import rundir
-from lfpipe.supervisor.requests import HANDLERS
 from lfpipe.supervisor.session import try_session
 from lfpipe.track import models
 from lfpipe.transport.session import Session
@@ -91,34 +70,6 @@ def python() -> Check:
         f" {count} cores, {'short' if short else 'usual'} time slices",
         hint if count > 1 else "use at least two cores; on one, the rates are lower",
     )
-
-
-BUILT_IN: dict[str, Callable[[], Collection[str]]] = {  # names that no plug-in may have
-    LAYOUTS: built_in,
-    ENGINES: lambda: config.choices("track.engine"),
-    FILTERS: lambda: config.choices("track.filter"),
-    DISPLAYS: lambda: DISPLAY_NAMES,
-    SOURCES: lambda: KINDS,
-    COMMANDS: tuple,  # built-in commands have precedence
-    STAGES: tuple,
-    PAINTERS: tuple,
-    REQUESTS: lambda: HANDLERS,
-}
-
-
-NO_FILES = Listing(path=Path(), folder=Path(), names=(), folders=(), is_file=False)
-
-
-def plugin_check(group: str, name: str, package: str) -> Check:
-    """A plug-in; sessions skip broken ones."""
-    what = f"{group.removeprefix('lfpipe.').removesuffix('s')} {name}, from {package}"
-    try:
-        part = load(group, name, BUILT_IN[group]())
-        if group == LAYOUTS:
-            guarded(part, group, name, RESULTS).detect(NO_FILES)
-    except UserError as error:
-        return Check("plugin", True, f"{what}: skipped: {error.message}", error.remedy)
-    return Check("plugin", True, what)
 
 
 def opencv() -> Check:
@@ -335,11 +286,6 @@ def checks() -> list[Check]:
         cache(used.scene),
         session(used),
         leftovers(),
-        *(
-            plugin_check(group, name, package)
-            for group in GROUPS
-            for name, package in plugins(group).items()
-        ),
     ]
 
 

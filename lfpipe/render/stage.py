@@ -41,7 +41,7 @@ from lfpipe.eyes import EYES, EyesRecord
 from lfpipe.files.output import check_output
 from lfpipe.host.processes import run_on
 from lfpipe.host.wake import readable
-from lfpipe.plugins import PluginError
+from lfpipe.plugins import IN_USE, blaming
 from lfpipe.render.choice import DisplayTime, EyesSource
 from lfpipe.render.display.display import Display
 from lfpipe.render.display.file_display import save
@@ -560,8 +560,9 @@ class RenderStage:
             self._context.report_lost(failure)
         self._presenter.close()
         try:
-            self._display.close()
-        except PluginError as error:  # its file may be incomplete, and nobody waits for the stage
+            with blaming(IN_USE):
+                self._display.close()
+        except UserError as error:  # its file may be incomplete, and nobody waits for the stage
             self._context.report_lost(error.message)
         self._ui.pass_on_notices()
         self._files.close()

@@ -22,6 +22,7 @@ from lfpipe.errors import plain
 from lfpipe.host import file_lock
 from lfpipe.host.files import exists
 from lfpipe.host.processes import usable_cores
+from lfpipe.plugins import LAYOUTS, blaming
 from lfpipe.scene import cache
 from lfpipe.scene.analysis import (
     STRIP_ROWS,
@@ -99,8 +100,10 @@ def pack_scene(
     folder = root / "scenes" / key
     with library_errors(path):
         source, settings = checked_source(path, settings)
-        with file_lock.waited_for(
-            root / "locks" / key, lambda: progress("waiting for another packer", 0, 1)
+        waiting = partial(progress, "waiting for another packer", 0, 1)
+        with (
+            blaming([(LAYOUTS, source.layout)]),
+            file_lock.waited_for(root / "locks" / key, waiting),
         ):
             if cache.usable(folder, settings, complete=True) is None:
                 scene = analyse_source(source, settings)

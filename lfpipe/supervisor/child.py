@@ -21,6 +21,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.safe_files import write_file
 from lfpipe.host import processes, signals
 from lfpipe.host.child import end_with_parent
+from lfpipe.plugins import IN_USE, blaming
 from lfpipe.supervisor import rundir
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring_io import StageSpec
@@ -78,7 +79,8 @@ def _run_stage(spec: StageSpec, parent_pid: int, run_dir: Path, stack: TextIO) -
         import cv2
 
         cv2.setNumThreads(1)  # the plan is one core per stage; thread pools would break it
-        importlib.import_module(spec.module).main(context)
+        with blaming(IN_USE):
+            importlib.import_module(spec.module).main(context)
     except UserError as error:
         logger.info("%s: %s", spec.name, error)
         write_file(crash_report_path(run_dir, "error", spec.name), error.to_json())

@@ -12,7 +12,7 @@ from lfpipe.config import Config, SessionOptions
 from lfpipe.config.modes import MouseViewer
 from lfpipe.eyes import EYES, SHOWN
 from lfpipe.plugins import STAGES as PLUGGED
-from lfpipe.plugins import declared
+from lfpipe.plugins import load, plugins
 from lfpipe.render.metrics import METRICS as RENDER_METRICS
 from lfpipe.track.metrics import METRICS as TRACK_METRICS
 from lfpipe.transport.ring import RingSpec
@@ -73,7 +73,7 @@ STAGES: tuple[Stage, ...] = (
         writes=("disparity",),
         optional=True,
     ),
-    *declared(PLUGGED, Stage).values(),
+    *(load(PLUGGED, name) for name in plugins(PLUGGED)),
 )
 
 NAMES = tuple(stage.name for stage in STAGES)

@@ -19,7 +19,7 @@ from lfpipe.capture.spec import source_file
 from lfpipe.config import DrawingCosts, SceneSummary, converter
 from lfpipe.config.modes import CameraViewer, Lossless, MouseViewer, RecordedEyes, is_measurable
 from lfpipe.errors import UserError
-from lfpipe.plugins import REQUESTS, guarded, load, plugins
+from lfpipe.plugins import REQUESTS, blaming, load, plugins
 from lfpipe.scene.open_scene import PackerRequest
 from lfpipe.supervisor.process_table import (
     SCORER,
@@ -91,7 +91,9 @@ def respond(state: SessionState, message: Message, t_ns: int, sender: str = "") 
         raise BadMessage(f"{command}: only the window of the session may send it")
     if command in HANDLERS:
         return HANDLERS[command](state, message, t_ns)
-    return _plugged(command).respond(state, message, t_ns)
+    plugin: RequestPlugin = load(REQUESTS, command)
+    with blaming([(REQUESTS, command)]):
+        return plugin.respond(state, message, t_ns)
 
 
 class RequestPlugin(Protocol):
@@ -105,13 +107,6 @@ class RequestPlugin(Protocol):
 def commands() -> list[str]:
     """The control commands, built-in ones first."""
     return list(dict.fromkeys((*HANDLERS, *plugins(REQUESTS))))
-
-
-def _plugged(command: str) -> RequestPlugin:
-    plugin: RequestPlugin = guarded(
-        load(REQUESTS, command, HANDLERS), REQUESTS, command, {"respond": Reply}
-    )
-    return plugin
 
 
 def _set(state: SessionState, message: Message, _t_ns: int) -> Reply:

@@ -1,5 +1,6 @@
-"""Commands and options of other packages: listed, run, and skipped if they are broken."""
+"""Commands and options of other packages: listed, run, and named if they are broken."""
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from lfpipe.cli import cli
-from lfpipe.monitor.doctor import plugin_check
+from lfpipe.errors import UserError
 from lfpipe.plugins import COMMANDS, entries
 from tests.support.world import write_package
 
@@ -28,8 +29,6 @@ more = parts:COMMAND
 scene.more = parts:COMMAND
 scene.list.--twice = parts:OPTION
 up = parts:COMMAND
-broken = nowhere:COMMAND
-odd = parts:more
 """
 
 
@@ -51,7 +50,6 @@ def said(*words: str) -> str:
 def test_commands_of_another_package_are_listed_and_run() -> None:
     listed = said("--help")
     assert "Do more." in listed and "Show a light field from the" in listed, "the built-in `up`"
-    assert "broken" not in listed and "odd" not in listed
     assert "more" in said("scene", "--help")
     assert said("more") == said("scene", "more") == "more is done\n"
 
@@ -62,5 +60,9 @@ def test_options_of_another_package_wrap_the_command() -> None:
     assert "0 packs" in said("scene", "list")
 
 
-def test_doctor_reports_a_broken_command() -> None:
-    assert "No module named 'nowhere'" in plugin_check(COMMANDS, "broken", "parts 1.0").detail
+def test_broken_command_is_named(tmp_path: Path) -> None:
+    (tmp_path / "parts.py").write_text("raise SystemExit(3)")
+    sys.modules.pop("parts", None)
+    error = CliRunner().invoke(cli, ["more"]).exception
+    assert isinstance(error, UserError), error
+    assert "more of parts 1.0 (lfpipe.commands): SystemExit: 3" in error.message

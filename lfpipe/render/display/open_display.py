@@ -10,16 +10,13 @@ from typing import TYPE_CHECKING
 from lfpipe.config.modes import Nothing, Plugin, Target, VideoFile, Window
 from lfpipe.errors import UserError
 from lfpipe.host.machine import has_desktop
-from lfpipe.host.presentation import Presented
-from lfpipe.plugins import DISPLAYS, Results, load, make, plugins
-from lfpipe.render.display.display import Display, DisplayNotice, NoDisplay
-from lfpipe.render.display.overlay import Event, Pointer
+from lfpipe.plugins import DISPLAYS, load, make, plugins
+from lfpipe.render.display.display import Display, NoDisplay
 
 if TYPE_CHECKING:
     from lfpipe.render.display.window import OverlayView
 
 HINT = "h shows the keys, g tests your glasses"
-BUILT_IN = ("window", "fullscreen", "none", "file")
 FORMS = "window, fullscreen, none or file:OUT.mkv (or .mp4)"
 
 
@@ -65,23 +62,6 @@ def parse_display(text: str) -> Target:
             raise UserError(f"--display {text!r}: not a display", f"use one of {FORMS}{plugged}")
 
 
-RESULTS: Results = {  # types of a display's attributes and results
-    "pointer": Pointer,
-    "vblank_source": str,
-    "knows_rows": bool,
-    "show": int,
-    "events": list[Event],
-    "presented": list[Presented],
-    "notices": list[DisplayNotice],
-    "nominal_hz": float,
-    "shown_px": tuple[int, int],
-    "width_mm": float | None,
-    "overlay": object,
-    "title": object,
-    "close": object,
-}
-
-
 def check_display(target: Target, monitor: str = "") -> None:
     """Raises UserError if target needs a missing screen or monitor, is an unwritable file, or
     belongs to a broken package. monitor: `screen.monitor`.
@@ -108,7 +88,7 @@ def check_display(target: Target, monitor: str = "") -> None:
 
             check_file(path)
         case Plugin(name):
-            load(DISPLAYS, name, BUILT_IN)
+            load(DISPLAYS, name)
 
 
 def open_display(
@@ -140,7 +120,7 @@ def open_display(
                 path = path.with_stem(f"{path.stem}.{restarts + 1}")
             return FileDisplay(path, size_px, rate_hz)
         case Plugin(name, argument):
-            display: Display = make(DISPLAYS, name, RESULTS, argument, size_px, title, rate_hz)
+            display: Display = make(DISPLAYS, name, argument, size_px, title, rate_hz)
             return display
         case Nothing():
             return NoDisplay()

@@ -57,7 +57,7 @@ def open_painters(asked: str, thread: Executor) -> tuple[Painters | None, str]:
     """
     try:
         for name in plugins(PAINTERS) if asked != "cpu" else ():
-            opened: tuple[Painters | None, str] = load(PAINTERS, name, ())(asked, thread)
+            opened: tuple[Painters | None, str] = load(PAINTERS, name)(asked, thread)
             return opened
     except UserError as error:
         return None, f"CPU: {error.message}"

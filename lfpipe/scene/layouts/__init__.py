@@ -6,16 +6,13 @@ import importlib
 import math
 import os
 import pkgutil
-from typing import Any
 
 import attrs
-import numpy as np
-from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header
-from lfpipe.plugins import LAYOUTS, Guarded, PluginError, Results, array, loaded, skipped
+from lfpipe.plugins import LAYOUTS, blaming, load, plugins
 from lfpipe.scene.files import HOLDS_ALL, Listing, is_picture, library_errors, list_scene
 from lfpipe.scene.layouts._folders import inner_listing, note_of
 from lfpipe.scene.layouts._grid import GRID_REMEDY, parse_grid, some
@@ -25,7 +22,6 @@ READABLE = (
     "lfpipe reads PNG, JPEG, PPM, BMP, TIFF, WebP, AVIF, GIF, .npy, .npz, .mat, .h5 and videos, and"
     " .heic with the extra `heic`"
 )
-RESULTS: Results = {"detect": int | None, "describe": SceneSource}
 
 
 def built_in() -> dict[str, Layout]:
@@ -40,8 +36,7 @@ def built_in() -> dict[str, Layout]:
 
 def layouts() -> dict[str, Layout]:
     """Every layout by name: those of other packages, then the built-in ones."""
-    own = built_in()
-    return {**loaded(LAYOUTS, own, RESULTS), **own}
+    return {**{name: load(LAYOUTS, name) for name in plugins(LAYOUTS)}, **built_in()}
 
 
 def describe(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:
@@ -58,7 +53,7 @@ def describe(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:
         )
     try:
         with library_errors(path):
-            source = _described_by_any(known, path, scene)
+            source = _source_of(known, list_scene(path), scene)
     except UserError as error:  # names may hold line breaks
         raise UserError(
             error.message.replace("\n", r"\n"), error.remedy.replace("\n", r"\n")
@@ -72,25 +67,6 @@ def describe(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:
         )
         raise UserError(f"{path}: {wrong}", "leave out scene.grid")
     return attrs.evolve(source, notes=tuple(note.replace("\n", r"\n") for note in source.notes))
-
-
-def _described_by_any(
-    known: dict[str, Layout], path: str | os.PathLike[str], scene: config.Scene
-) -> SceneSource:
-    """The scene at path; skips plug-in layouts that fail. Raises UserError, also if scene.layout
-    names one of them.
-    """
-    failed = [f"{why}; it is skipped" for why in skipped.values()]
-    while True:
-        try:
-            source = _source_of(known, list_scene(path), scene)
-        except PluginError as error:
-            if scene.layout == error.name:
-                raise
-            del known[error.name]
-            failed.append(f"{error.message}; it is skipped")
-        else:
-            return attrs.evolve(source, notes=(*source.notes, *failed))
 
 
 def _source_of(known: dict[str, Layout], given: Listing, scene: config.Scene) -> SceneSource:
@@ -112,10 +88,9 @@ def _source_of(known: dict[str, Layout], given: Listing, scene: config.Scene) ->
         layout = known["mosaic"]
     if layout is None:
         raise _not_recognised(listing)
-    source = layout.describe(listing, scene)
-    source = attrs.evolve(source, notes=(*source.notes, *_unused(listing, source)))
-    if isinstance(layout, Guarded):  # a plug-in
-        source = _guarded_source(layout, source)
+    with blaming([(LAYOUTS, layout.NAME)]):
+        source = layout.describe(listing, scene)
+        source = attrs.evolve(source, notes=(*source.notes, *_unused(listing, source)))
     if inner is not None:
         source = attrs.evolve(
             source, path=given.path, notes=(*source.notes, *filter(None, [note_of(given, inner)]))
@@ -153,23 +128,6 @@ def _unused(listing: Listing, source: SceneSource) -> list[str]:
     return notes
 
 
-def _guarded_source(layout: Guarded, source: SceneSource) -> SceneSource:
-    """The source of a plug-in: what its functions return is checked."""
-    size = source.height_px, source.width_px
-
-    def view(result: Any) -> NDArray[Any]:
-        return array(*size, *(3,) * (np.ndim(result) == 3), kinds="u")(result)
-
-    def grey(result: Any) -> NDArray[Any]:
-        return array(*np.shape(result)[:2], kinds="u")(result)
-
-    small = source.small and layout.bound("small", source.small, grey)
-    disparity = array(*size)
-    truth = {at: layout.bound("truth", known, disparity) for at, known in source.truth.items()}
-    read = layout.bound("read", source.read, view)
-    return attrs.evolve(source, read=read, small=small, truth=truth)
-
-
 def _match(tries: list[Layout], listing: Listing) -> tuple[int, Layout | None]:
     """The layout that matches most specifically, with its mark; (0, None) if none matches. Raises
     UserError if none matches because a file is unreadable.
@@ -177,12 +135,13 @@ def _match(tries: list[Layout], listing: Listing) -> tuple[int, Layout | None]:
     best: tuple[int, Layout | None] = 0, None
     unreadable: UserError | None = None
     for layout in tries:
-        try:
-            mark = layout.detect(listing) or 0
-        except UserError as error:
-            unreadable = error
-        else:
-            best = max(best, (mark, layout), key=lambda match: match[0])
+        with blaming([(LAYOUTS, layout.NAME)]):
+            try:
+                mark = layout.detect(listing) or 0
+            except UserError as error:
+                unreadable = error
+            else:
+                best = max(best, (mark, layout), key=lambda match: match[0])
     if unreadable is not None and best[1] is None:
         raise unreadable
     return best

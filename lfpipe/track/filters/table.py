@@ -3,7 +3,7 @@
 import importlib
 
 from lfpipe.config import FILTER_MODULES, Track
-from lfpipe.plugins import FILTERS, Results, array, make
+from lfpipe.plugins import FILTERS, make
 from lfpipe.track.filters.base import EyeFilter
 
 
@@ -16,12 +16,5 @@ def make_filter(track: Track, device_latency_s: float = 0.0) -> EyeFilter:
         maker = importlib.import_module(f"{__package__}.{module}").make
         built_in: EyeFilter = maker(track, device_latency_s)
         return built_in
-    eyes = array(2, 2)
-    results: Results = {
-        "update": tuple[eyes, eyes],  # type: ignore[valid-type]
-        "reset": type(None),
-        "restarts_after_loss": bool,
-        "holds_when_hidden": bool,
-    }
-    plugin: EyeFilter = make(FILTERS, track.filter, results, track, device_latency_s)
+    plugin: EyeFilter = make(FILTERS, track.filter, track, device_latency_s)
     return plugin
