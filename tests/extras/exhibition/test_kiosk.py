@@ -93,7 +93,7 @@ def test_visitors_and_time_step_through_the_scenes_of_a_kiosk(
     world.wait_for(lambda: at() == 1, "the scene of the button")
     world.xdotool("type", "--delay", 30, "bye42")
     world.ended(process)
-    process = world.up(scene, other, "--kiosk", "--every", 1, display="fullscreen")
+    process = world.up(scene, other, "--kiosk", "--every", 1, "--overwrite", display="fullscreen")
     for place in (1, 0, 1):
         world.wait_for(lambda place=place: at() == place, "the next scene")
     world.xdotool("type", "--delay", 30, "bye42")
