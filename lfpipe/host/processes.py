@@ -124,11 +124,6 @@ def is_stopped(pid: int) -> bool:
     return bool(_ask(pid, "status") == "stopped")
 
 
-def is_child(pid: int) -> bool:
-    """Whether this process has started that one, which still runs."""
-    return bool(_ask(pid, "ppid") == os.getpid())
-
-
 def rss_bytes(pid: int) -> int:
     """Resident memory of a process, including shared pages; 0 if it is gone."""
     memory = _ask(pid, "memory_info")

@@ -5,19 +5,22 @@ the stages have applied a revision of the state, or have executed a command.
 
 import contextlib
 import itertools
-import logging
+import os
 from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import attrs
+import zmq
 
 from lfpipe.transport import control
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.control import BadMessage, Message
-from lfpipe.transport.zmtp import MAX_COMMAND_BYTES, XPUB, Place, Server
 
-logger = logging.getLogger(__name__)
+MOST = 32  # messages of a socket per step of the session, which has other work
+WAITING = 64  # messages of a client that wait here; more wait in the client
+HANDSHAKE_MS = 2000  # a connection that has not said what it is by then is closed
+LINGER_MS = 200  # for the last answers, at the end
 
 
 @attrs.define
@@ -26,8 +29,6 @@ class Request:
 
     client: bytes
     """The identity of its socket; a stage's is the stage's name."""
-    connection: int = -1
-    """Its connection."""
     parts: list[bytes] = attrs.field(factory=list)
     message: Message = attrs.field(factory=dict)
     """Its readable fields."""
@@ -50,46 +51,57 @@ class Request:
         control.check(self.message)
 
 
-PLACES = (
-    # a message of more than MAX_BYTES gets an error answer, one of twice that size none
-    Place("ctl", b"ROUTER", (b"DEALER", b"REQ", b"ROUTER"), 2 * control.MAX_BYTES),
-    Place("bus", b"PULL", (b"PUSH",), control.MAX_BYTES),
-    Place("tap", XPUB, (b"SUB", b"XSUB"), MAX_COMMAND_BYTES),
-)
-
-
 class ControlSockets:
-    """ctl, bus and tap in a run directory. warn: for the user. Raises UserError if a path is too
-    long, OSError if a socket cannot be made.
+    """ctl, bus and tap in a run directory. Raises UserError if a path is too long, OSError if a
+    socket cannot be made.
     """
 
-    def __init__(self, run_dir: Path, warn: Callable[[str], None] = logger.warning) -> None:
-        for place in PLACES:
-            control.check_place(run_dir, place.name)
-        self._server = Server(run_dir, PLACES, warn)
-        self.close = self._server.close
-        self.connections = self._server.numbers
+    def __init__(self, run_dir: Path) -> None:
+        with contextlib.ExitStack() as parts:
+            context = parts.enter_context(control.context())
+            context.linger = LINGER_MS
 
-    @property
-    def fds(self) -> list[int]:
-        """Descriptors that should wake the supervisor now."""
-        return self._server.fds
+            def bound(kind: int, name: str, max_bytes: int) -> zmq.Socket[bytes]:
+                """A socket to which only this user may connect. max_bytes: of a message; the
+                client of a longer one is disconnected.
+                """
+                control.check_place(run_dir, name)
+                try:
+                    socket = parts.enter_context(context.socket(kind))
+                    socket.setsockopt(zmq.MAXMSGSIZE, max_bytes)
+                    socket.setsockopt(zmq.HANDSHAKE_IVL, HANDSHAKE_MS)
+                    socket.setsockopt(zmq.RCVHWM, WAITING)
+                    if kind == zmq.ROUTER:  # a restarted stage has its old name
+                        socket.setsockopt(zmq.ROUTER_HANDOVER, 1)
+                    socket.bind(f"ipc://{run_dir / name}")
+                except zmq.ZMQError as error:
+                    code = error.errno or 0
+                    raise OSError(code, os.strerror(code), str(run_dir / name)) from None
+                (run_dir / name).chmod(0o600)
+                return socket
 
-    def wait_ns(self) -> int | None:
-        """Time until more messages can be read, if that is known."""
-        return 0 if self._server.pending else self._server.rest_ns() or None
+            # a message of more than MAX_BYTES gets an error answer, one of twice that size none
+            self._ctl = bound(zmq.ROUTER, "ctl", 2 * control.MAX_BYTES)
+            self._bus = bound(zmq.PULL, "bus", control.MAX_BYTES)
+            self._tap = bound(zmq.PUB, "tap", control.MAX_BYTES)
+            self.fds = [self._ctl, self._bus]  # that wake the supervisor
+            self.close = parts.pop_all().close
+
+    def wait(self, milliseconds: int) -> bool:
+        """Waits for a message; returns whether one has arrived."""
+        return bool(zmq.select(self.fds, [], [], milliseconds / 1e3)[0])
 
     def arrived(self) -> Iterator[Request | Message]:
-        """Yields the requests and the valid telemetry that have arrived, a slice of a flood, and
+        """Yields the requests and the valid telemetry that have arrived, at most MOST of each, and
         passes the telemetry on to tap.
         """
-        for connection, parts in self._server.messages():
-            if connection.place.name == "ctl":
-                yield Request(connection.identity, connection.number, parts)
-            elif len(parts) == 1:
-                with contextlib.suppress(BadMessage):
-                    message = control.decode(parts[0])
-                    self._server.publish(parts[0])
+        for client, *parts in _received(self._ctl):
+            yield Request(client, parts)
+        for data, *more in _received(self._bus):
+            with contextlib.suppress(BadMessage):
+                message = control.decode(data)
+                if not more:
+                    self._tap.send(data)
                     yield message
 
     def answer(self, request: Request, rev: int, answer: Message) -> None:
@@ -100,22 +112,33 @@ class ControlSockets:
         except BadMessage as error:
             why = f"the answer cannot be sent: {error}"
             data = control.encode({"ok": False, "error": why, **repeated})
-        self._server.send(request.client, data)
+        self._send(request.client, data)
 
     def send(self, stage: str, message: Message) -> None:
         """Sends a message to a stage. It is lost if the stage is not connected; the stage will send
         hello later.
         """
-        self._server.send(stage.encode(), control.encode(message))
+        self._send(stage.encode(), control.encode(message))
 
     def broadcast(self, stages: tuple[str, ...], message: bytes) -> None:
         """Sends an encoded message to several stages."""
         for stage in stages:
-            self._server.send(stage.encode(), message)
+            self._send(stage.encode(), message)
 
     def publish(self, topic: str, **values: Any) -> None:
         """Sends a message to every subscriber of the tap."""
-        self._server.publish(control.encode({"topic": topic, "t_ns": now_ns(), **values}))
+        self._tap.send(control.encode({"topic": topic, "t_ns": now_ns(), **values}))
+
+    def _send(self, client: bytes, data: bytes) -> None:
+        """Sends a message, which is lost if the client has gone or does not read."""
+        self._ctl.send_multipart([client, data])
+
+
+def _received(socket: zmq.Socket[bytes]) -> Iterator[list[bytes]]:
+    """The parts of each message that has arrived, of at most MOST."""
+    with contextlib.suppress(zmq.Again):
+        for _ in range(MOST):
+            yield socket.recv_multipart(zmq.NOBLOCK)
 
 
 # makes the reply to a request from the answers of its stages, by name

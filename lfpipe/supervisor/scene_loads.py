@@ -2,8 +2,7 @@
 scene, one for the previews on the page of scenes.
 """
 
-import logging
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,6 @@ from lfpipe.supervisor.control_sockets import Request
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.control import Message
 
-logger = logging.getLogger(__name__)
 STEP_NS = SECOND_NS // 5  # between two reports of progress
 WANTED, SHOWN = "wanted", "shown"  # scenes: of a request, and on the screen
 Send = Callable[[Message], None]  # to the stage that shows pictures
@@ -73,19 +71,11 @@ class _Load:
 
 
 class SceneLoads:
-    """The packers of both scenes. send: for their progress, a few times a second. connections:
-    returns the open ones.
-    """
+    """The packers of both scenes. send: for their progress, a few times a second."""
 
-    def __init__(
-        self,
-        send: Send,
-        connections: Callable[[], Collection[int]],
-        packing: Packing | None = None,
-    ) -> None:
+    def __init__(self, send: Send, packing: Packing | None = None) -> None:
         """packing: the packer of the session's first scene, while it works."""
         self._send = send
-        self._connections = connections
         self._loads = {} if packing is None else {SHOWN: _Load(packing, send)}
 
     def want(self, request: Request, scene: PackerRequest) -> Request | None:
@@ -104,18 +94,11 @@ class SceneLoads:
         return [fd for load in self._loads.values() for fd in load.packing.fds]
 
     def events(self) -> list[SceneEvent]:
-        """Reads the packers' output; returns the events. Ends the load of a client that has
-        disconnected.
-        """
+        """Reads the packers' output; returns the events."""
         events = []
-        connections = self._connections()
         for name in (WANTED, SHOWN):
             load = self._loads.get(name)
             if load is None:
-                continue
-            if load.request and load.request.connection not in connections:
-                logger.info("load cancelled: its client is gone")
-                self._end(name)
                 continue
             load.packing.read()
             load.report()

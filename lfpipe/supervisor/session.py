@@ -51,6 +51,7 @@ logger = logging.getLogger(__name__)
 # Heartbeats are due as often, also while stages are idle; a descriptor wakes the loop sooner.
 TICK_NS, IDLE_TICK_NS = 100 * MS_NS, 500 * MS_NS
 PENDING_NS = 4 * MS_NS  # between two checks of the stages while answers wait for them
+LAST_MS = 20  # without a message, until those of the stages that have ended were read
 IDLE_NS = 10 * SECOND_NS  # longer than a viewer turns away or leans out
 ASKED_OFTEN = ("hello", "status", "pictures")  # requests that change nothing
 SHOWN_TOPICS = ("source", "notice")  # telemetry for people
@@ -124,13 +125,9 @@ class LiveSession:
             self._store = parts.enter_context(closing(SessionStore(session, state)))
             self._table = table = self._store.table
             self._started_ns = self._begin().started_ns
-            self._sockets = sockets = parts.enter_context(
-                closing(ControlSockets(session.run_dir, self.notify))
-            )
+            self._sockets = sockets = parts.enter_context(closing(ControlSockets(session.run_dir)))
             show = partial(sockets.send, SHOWN_BY)
-            self._loads = parts.enter_context(
-                closing(SceneLoads(show, sockets.connections, packing))
-            )
+            self._loads = parts.enter_context(closing(SceneLoads(show, packing)))
             self._previews = parts.enter_context(closing(ScenePreviews(show)))
             ask_to_stop = partial(sockets.send, message={"cmd": "stop"})
             self.stages = parts.enter_context(
@@ -197,8 +194,6 @@ class LiveSession:
         waits_ns = [IDLE_TICK_NS if self.state.idle else TICK_NS]
         if self._ended:
             waits_ns.append(0)
-        if (messages_ns := self._sockets.wait_ns()) is not None:
-            waits_ns.append(messages_ns)
         if self._pending:
             waits_ns.append(PENDING_NS)
         if self._end_ns is not None:
@@ -212,7 +207,9 @@ class LiveSession:
         self.stages.stop()
         if outcome.failure is None:
             outcome = self._failure_at_end(outcome) or outcome
-        self._take_messages()  # the last ones of the stages
+        end_ns = now_ns() + SECOND_NS
+        while self._sockets.wait(LAST_MS) and now_ns() < end_ns:  # the last ones of the stages
+            self._take_messages()
         self._deliver()
         return attrs.evolve(outcome, final=final)
 

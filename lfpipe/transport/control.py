@@ -165,7 +165,7 @@ def connect(socket: zmq.Socket[bytes], run_dir: Path, name: str) -> None:
 
 
 class Client:
-    """A connection to the session in run_dir. What a session does for a client ends with it.
+    """A connection to the session in run_dir.
 
     Raises UserError if the path is too long for a socket.
     """

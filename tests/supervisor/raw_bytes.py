@@ -16,13 +16,13 @@ def _frame(flags: int, body: bytes) -> bytes:
     return bytes([flags, len(body)]) + body
 
 
-def ready(kind: bytes) -> bytes:
+def _ready(kind: bytes) -> bytes:
     """The handshake of a socket of that type."""
     return _frame(4, b"\x05READY\x0bSocket-Type" + len(kind).to_bytes(4) + kind)
 
 
-READY = ready(b"DEALER")
-PUSHING = ready(b"PUSH")
+READY = _ready(b"DEALER")
+PUSHING = _ready(b"PUSH")
 
 
 def byte_strings(count: int, seed: int = 1) -> Iterator[bytes]:

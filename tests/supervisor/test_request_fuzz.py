@@ -18,7 +18,7 @@ from tests.support.world import World
 
 Message = dict[str, Any]
 COUNT = int(os.environ.get("LFPIPE_FUZZ", "400"))
-AS_STAGE = 20  # every so many requests come from a client with the name of a stage
+AS_STAGE = COUNT // 20  # requests from clients with the name of a stage
 LEFT_OUT = ("stop",)  # it does what it is asked, whatever else it says
 NUMBERS = [0, 1, -1, 2**63 - 1, -(2**63), 2**64 - 1, 1e-300, 1e308, 0.5]
 NOT_FINITE = [float("nan"), float("inf"), float("-inf")]
@@ -95,16 +95,13 @@ def test_mutated_requests_end_no_session_and_leave_nothing(world: World, scene: 
     requests = valid(scene)
     with control.context() as ctx, ctx.socket(zmq.DEALER) as client:
         control.connect(client, world.session_dir, "ctl")
-        for number in range(COUNT):
+        for _ in range(COUNT):
             message = mutated(chance.choice(requests), chance)
             if message.get("cmd") in LEFT_OUT or message.get("path") == str(scene):
                 continue
             data = msgpack.packb(message, unicode_errors="surrogateescape")
             if len(data) > 2 * control.MAX_BYTES:
                 continue  # its client is disconnected
-            if number % AS_STAGE == 0:
-                _as_stage(ctx, world, chance.choice(NAMES), data)
-                continue
             client.send(data)
             assert client.poll(60_000), message
             answer = control.decode(client.recv())
@@ -115,6 +112,12 @@ def test_mutated_requests_end_no_session_and_leave_nothing(world: World, scene: 
     world.more_pictures(5)
     assert not [one for one in world.monitor()["stages"].values() if one["restarts"]]
     assert {path.name for path in world.root.iterdir()} <= before | {"settings", "cache", "state"}
+    with control.context() as ctx:
+        for _ in range(AS_STAGE):  # last: the stages have lost their names
+            message = mutated(chance.choice(requests), chance)
+            if message.get("cmd") not in LEFT_OUT:
+                data = msgpack.packb(message, unicode_errors="surrogateescape")
+                _as_stage(ctx, world, chance.choice(NAMES), data[: control.MAX_BYTES])
     assert world.ask(cmd="stop")["ok"]
     said = world.ended(process)
     assert "internal error" not in said

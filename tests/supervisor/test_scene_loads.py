@@ -18,7 +18,7 @@ from lfpipe.supervisor.control_sockets import Request
 from lfpipe.supervisor.scene_loads import SceneEvent, SceneLoads
 from tests.support.world import write_scene
 
-CLIENT = Request(b"client", connection=5, message={"cmd": "load"})
+CLIENT = Request(b"client", message={"cmd": "load"})
 LIMIT_S = 120
 
 
@@ -34,14 +34,8 @@ def news() -> list[dict[str, Any]]:
 
 
 @pytest.fixture
-def connections() -> set[int]:
-    """The connections that are open."""
-    return {5}
-
-
-@pytest.fixture
-def loads(news: list[dict[str, Any]], connections: set[int]) -> Iterator[SceneLoads]:
-    made = SceneLoads(news.append, connections.copy)
+def loads(news: list[dict[str, Any]]) -> Iterator[SceneLoads]:
+    made = SceneLoads(news.append)
     yield made
     made.close()
 
@@ -96,18 +90,10 @@ def test_scene_loads_replace_the_first_request(
     loads: SceneLoads, scene: Path, settings: Scene, tmp_path: Path
 ) -> None:
     loads.want(CLIENT, wanted(scene, settings))
-    other = Request(b"other", connection=5)
+    other = Request(b"other")
     assert loads.want(other, wanted(tmp_path / "nowhere", settings)) is CLIENT
     (failed,) = events(loads)
     assert failed.request is other and isinstance(failed.scene, UserError)
-
-
-def test_scene_loads_end_with_their_client(
-    loads: SceneLoads, connections: set[int], scene: Path, settings: Scene
-) -> None:
-    loads.want(CLIENT, wanted(scene, settings))
-    connections.clear()
-    assert loads.events() == [] and not loads.fds
 
 
 def test_a_load_that_cannot_start_leaves_the_one_before(
@@ -118,5 +104,5 @@ def test_a_load_that_cannot_start_leaves_the_one_before(
     with monkeypatch.context() as patched:
         patched.setattr(scene_loads, "Packing", Mock(side_effect=UserError("no memory", "end one")))
         with pytest.raises(UserError, match="no memory"):
-            loads.want(Request(b"other", connection=5), wanted(tmp_path / "second", settings))
+            loads.want(Request(b"other"), wanted(tmp_path / "second", settings))
     assert next(event.request for event in events(loads)) == CLIENT

@@ -181,14 +181,13 @@ def test_wire_format_of_metrics(monkeypatch: pytest.MonkeyPatch) -> None:
     assert_same("metrics at a lower level, watched", made.to_dict())
 
 
-def test_wire_format_of_answers(tmp_path: Path) -> None:
+def test_wire_format_of_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = Request(b"client", message={"v": 2, "cmd": "load", "id": 7})
     answers: list[Any] = [{"ok": True, "applied": False}, session.INTERNAL]
     answers.append(session.REPLACED)
     sent: list[bytes] = []
     with closing(ControlSockets(tmp_path)) as sockets:
-        server: Any = sockets._server
-        server.send = lambda _, data: sent.append(data)
+        monkeypatch.setattr(sockets, "_send", lambda _, data: sent.append(data))
         for answer in answers:
             sockets.answer(asked, 5, answer)
         sockets.answer(asked, 5, {"ok": True, "set": {"x": "y" * control.MAX_BYTES}})
