@@ -60,3 +60,14 @@ def test_cli_escapes_an_extra_argument() -> None:
     printed = os.read(controller, 4096)
     os.close(controller)
     assert done.returncode == 2 and b"more\\x1b]0;x\\x07" in printed and b"\x1b" not in printed
+
+
+def test_odd_half_of_a_surrogate_pair_is_escaped() -> None:
+    script = (
+        "import sys; sys.argv = ['lfpipe', 'x']; import lfpipe.cli as c; c.cli = lambda **_:"
+        " print('a\\ud800b'); c.run()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-X", "utf8", "-c", script], capture_output=True, timeout=60
+    )
+    assert done.stdout == b"a\\ud800b\n"

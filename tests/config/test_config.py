@@ -20,26 +20,15 @@ from lfpipe.config import Config, converter
 from lfpipe.config.check import flat
 from lfpipe.config.user_files import commented
 from lfpipe.errors import UserError
-from tests.support import extras, hostile_files
+from tests.support import hostile_files
 from tests.support.hostile_files import NO_FILES, TOML_TEXTS, VALUES, deep, ended
 from tests.support.refusal import refusal
-from tools.make_reference import DOCS, PAGES
 
 
 @pytest.fixture(autouse=True)
 def user_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "user"))
     return tmp_path / "user" / "lfpipe"
-
-
-def test_the_file_at_the_top_and_the_pages_of_keys_and_commands_are_current() -> None:
-    assert (Path(__file__).parents[2] / "config.toml").read_text() == commented(), (
-        "run: lfpipe config show > config.toml"
-    )
-    for name, text in PAGES.items():
-        if name == "commands.md" and not extras.PRESENT:
-            continue
-        assert (DOCS / name).read_text() == text(), "run: python -m tools.make_reference"
 
 
 def test_the_text_of_any_configuration_reads_back_as_itself() -> None:

@@ -55,16 +55,6 @@ def test_stages_do_not_outlive_a_killed_supervisor(world: World, scene: Path, st
     world.wait_for(lambda: not world.left(), "clean end")
 
 
-def test_world_end_ends_stopped_processes(world: World, scene: Path) -> None:
-    """Found where a test failed: what stopped stages wrote was awaited for ever."""
-    world.shows(scene, *SMALL)
-    pids = [stage["pid"] for stage in world.monitor()["stages"].values()]
-    for pid in pids:
-        os.kill(pid, signal.SIGSTOP)
-    world.end()
-    assert _gone(pids) and not world.segments()
-
-
 BEGIN_AND_END = """
 import os, sys
 from lfpipe import config

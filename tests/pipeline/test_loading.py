@@ -1,8 +1,6 @@
-"""Loads of a running session: cancelled, replaced, shown before they are complete, left without a
-trace in memory; packs in use are kept. And several scenes in one session, chosen by command.
-"""
+"""Loads of a running session leave no trace in memory; and the playlist of folders and files."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import psutil
@@ -14,16 +12,11 @@ from tests.scene import made
 from tests.support.world import World, write_scene
 
 
-def running(root: Path, name: str, write: Callable[[Path], Path]) -> Iterator[World]:
-    """A session that shows what `write` writes to a folder of this name."""
-    with World(root) as world:
-        world.shows(write(world.root / name), pictures=3)
-        yield world
-
-
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
-    yield from running(tmp_path_factory.mktemp("loading"), "first", write_scene)
+    with World(tmp_path_factory.mktemp("loading")) as world:
+        world.shows(write_scene(world.root / "first"), pictures=3)
+        yield world
 
 
 def mapped(pid: int) -> set[str]:
@@ -57,19 +50,6 @@ def write_scenes(folder: Path) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module")
-def listed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
-    """A session with a folder of scenes."""
-    yield from running(tmp_path_factory.mktemp("listed"), "scenes", write_scenes)
-
-
-def shown(world: World) -> tuple[int, int]:
-    """The place in the list that the session shows, and the rows of its scene."""
-    options = world.ask(cmd="hello")["options"]
-    assert len(options["playlist"]) == 3
-    return options["playlist_at"], options["scene"]["rows"]
-
-
 @pytest.mark.everyday
 def test_playlist_of_a_folder_and_of_scenes(tmp_path: Path) -> None:
     folder = write_scenes(tmp_path / "scenes")
@@ -82,20 +62,3 @@ def test_playlist_of_a_folder_and_of_scenes(tmp_path: Path) -> None:
     assert playlist([folder], settings) == [*names, folder / "dune_qs3x1a1.5.png"]
     for other in (tmp_path / "nowhere", folder / "empty", folder / "notes.txt"):
         assert playlist([other], settings) == [other]  # opening it reports the error
-
-
-@pytest.mark.everyday
-def test_ctl_load_goes_through_the_playlist(listed: World) -> None:
-    assert shown(listed) == (0, 2)
-    for word, wanted in (
-        ("--next", (1, 3)),
-        ("--next", (2, 4)),
-        ("--next", (0, 2)),
-        ("--previous", (2, 4)),
-    ):
-        listed.ctl("load", word)
-        assert shown(listed) == wanted
-    listed.ctl("load", listed.root / "scenes" / "amber")
-    assert shown(listed) == (0, 2), "which is in the list"
-    for words in ((), ("--next", "amber")):
-        listed.refused("ctl", "--session", listed.name, "load", *words)

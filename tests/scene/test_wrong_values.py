@@ -6,15 +6,12 @@ none prints a traceback or leaves a file.
 """
 
 import json
-import os
 import random
-import signal
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -42,20 +39,3 @@ def test_numbers_in_names_open_or_are_refused(seed: int) -> None:
             layouts.describe(path, config.Scene())
         except UserError as error:
             assert str(folder) in str(error) and error.remedy
-
-
-def test_what_is_wrong_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert not wrong_values.apart(lambda: str(1 // 0)).startswith(wrong_values.GOOD)
-
-    def crash() -> str:
-        os.kill(os.getpid(), signal.SIGSEGV)
-        return "opened"
-
-    assert "signal 11" in wrong_values.apart(crash)
-
-    def leaves(path: Path, _: Path) -> str:
-        (path.parent / "left").touch()
-        return "refused"
-
-    monkeypatch.setattr(wrong_values, "read", leaves)
-    assert wrong_values.tried("a.bmp", 0, tmp_path).startswith("left a file")

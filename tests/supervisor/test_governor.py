@@ -323,20 +323,6 @@ def test_quality_control_takes_no_level_that_does_not_help() -> None:
     assert session.state.level == session.state.levels[-1] and session.state.level.every == 2
 
 
-def test_step_reports_its_reason() -> None:
-    run = Run()
-    for loads, seconds in ((EASY, 1), (LATE, 0.4), (TIGHT, 0.4), (LATE, 0.3)):
-        run.feed_for(loads, seconds)
-    ((_, step),) = run.steps
-    load = Load(3 * 7 + 6 * 4, 3 * 7, 60_000_000 * 7 + 75_000_000 * 4, step.load.span_s)
-    assert step == Step(1, "render", load) and load.span_s == pytest.approx(1.1)
-    assert step.reason == "render missed 21 of 66 in 1.1 s"
-    assert (
-        Step(1, "track", Load(15, 0, 450_000_000, 0.5)).reason == "track is busy 90 % of its time"
-    )
-    assert Step(0).reason == "CPU is free again"
-
-
 @pytest.mark.parametrize(
     ("load", "lags", "room"),  # of render in 0.1 s
     [
