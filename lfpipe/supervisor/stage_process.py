@@ -54,6 +54,7 @@ class StageProcess:
         self.failures: deque[int] = deque(maxlen=MAX_FAILURES)
         self.lossless = False
         self.source = ""  # of the viewer that it was started for
+        self.is_leaving = False  # it was asked to stop: its end is no failure, even if needed again
         self._killed = False  # killed for a hang, but not ended yet
         self._checked_ns = self._awake_ns = 0
 
@@ -63,6 +64,8 @@ class StageProcess:
 
     def fits(self, options: SessionOptions) -> bool:
         """Whether it may go on with these options: it is needed, and for the same viewer."""
+        if self.alive and self.is_leaving:
+            return False
         same = not (self.alive and self.stage.of_viewer) or self.source == options.viewer.source
         return same and self.stage.needed(options)
 
@@ -81,7 +84,7 @@ class StageProcess:
         clear(self.row, "ready_ns", "busy_with", "busy_since_ns", "cpu_ns", "fault")
         self.row["state"] = State.STARTING
         self.row["started_ns"] = self._checked_ns
-        self._killed = False
+        self._killed = self.is_leaving = False
         self.source = spec.options.viewer.source
         self.lossless = isinstance(spec.options.clock, Lossless)
         with signals.blocked():
@@ -236,6 +239,7 @@ class StageProcesses:
             if process.must_run and not process.alive and now_ns() >= process.next_start_ns:
                 self._start(process)
             elif process.alive and not needed:
+                process.is_leaving = True
                 self._ask_to_stop(process.stage.name)
 
     def _start(self, process: StageProcess) -> None:

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 from unittest.mock import Mock
 
+import attrs
 import numpy as np
 import pytest
 
@@ -233,3 +234,27 @@ def test_a_stage_that_cannot_be_started_is_tried_again_and_then_named(
         t_ns[0] += 3 * SECOND_NS
     error = refusal(stages.ensure_running, options)
     assert "render cannot be started: Resource temporarily" in str(error) and error.remedy
+
+
+@pytest.mark.parametrize("code", [0, 143])
+def test_a_stage_that_was_asked_to_stop_and_is_needed_again_has_not_failed(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, code: int
+) -> None:
+    """A viewer that came back before its tracker had ended was rolled back."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    children = [Mock(exit_code=None, pid=1), Mock(exit_code=None, pid=2)]
+    monkeypatch.setattr(stage_process, "Child", Mock(side_effect=children))
+    monkeypatch.setattr("lfpipe.supervisor.child.start_line", lambda spec: b"")
+    needed = [True]
+    stage = attrs.evolve(STAGE, needed=lambda options: needed[0])
+    monkeypatch.setattr(stage_process, "STAGES", (stage,))
+    table: Any = SimpleNamespace(rows={"render": np.zeros((), ROW)})
+    spec: Any = SimpleNamespace(options=SessionOptions(), name="render")
+    stages = StageProcesses(Session("s"), table, lambda stage: spec, Mock(), Mock())
+    for wanted in (True, False, True):
+        needed[0] = wanted
+        stages.ensure_running(SessionOptions())
+    children[0].exit_code = code
+    assert stages.check() == []
+    stages.ensure_running(SessionOptions())
+    assert [one.process for one in stages] == [children[1]]
