@@ -15,23 +15,6 @@ REPEATS = int(os.environ.get("LFPIPE_REPEATS", "3"))
 
 @pytest.mark.live
 @pytest.mark.parametrize(("signum", "code"), ENDS)
-def test_replay_is_interrupted_and_not_different(
-    world: World, scene: Path, signum: int, code: int
-) -> None:
-    world.done("record", world.root / "walk", "--camera", "demo", "--duration", "2")
-    junit, temporary = world.root / "junit.xml", world.root / "temporary"
-    temporary.mkdir()
-    world.env["TMPDIR"] = str(temporary)
-    words = ("--scene", scene, "--pace", "0.5", "--junit", junit)
-    process = world.start("replay", world.root / "walk", *words)
-    # in the session, and before it
-    until(lambda: world.segments("eyes"), "session")
-    world.ended(process, signum, code)
-    assert "interrupted" in junit.read_text() and not list(temporary.iterdir())
-
-
-@pytest.mark.live
-@pytest.mark.parametrize(("signum", "code"), ENDS)
 def test_command_is_interrupted_inside_native_code(
     world: World, scene: Path, signum: int, code: int
 ) -> None:

@@ -3,14 +3,12 @@ and docs/python.md run.
 """
 
 import os
-import re
 import sys
-import tarfile
 from pathlib import Path
 
 import pytest
 
-from tests.docs.conftest import BUILD, ROOT, blocks
+from tests.docs.conftest import ROOT, blocks
 from tests.support.processes import printed
 from tests.support.world import World
 
@@ -99,53 +97,3 @@ def test_example_programs_are_typed(fresh: Path, tmp_path: Path) -> None:
         *files,
     ]
     printed(*words, cwd=tmp_path)
-
-
-@pytest.fixture(scope="module", params=["", "served.example/lfpipe"])
-def package(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> tuple[str, list[str], str]:
-    """(address of the files, names in the source distribution, its metadata)."""
-    out = tmp_path_factory.mktemp("dist")
-    url = f"https://{request.param}" if request.param else ""
-    env = {"PATH": "/usr/bin:/bin", "HOME": str(out), **({"LFPIPE_URL": url} if url else {})}
-    printed(sys.executable, "-c", BUILD, "sdist", out, cwd=ROOT, env=env)
-    with tarfile.open(next(out.glob("*.tar.gz"))) as archive:
-        names = [name.partition("/")[2] for name in archive.getnames()]
-        found = next(member for member in archive if re.fullmatch("[^/]+/PKG-INFO", member.name))
-        about = archive.extractfile(found)
-        assert about is not None
-        return url, names, about.read().decode()
-
-
-def test_sdist_names_licence_and_authors_and_links_to_pages(
-    package: tuple[str, list[str], str],
-) -> None:
-    url, names, about = package
-    assert (
-        "LICENSE" in names
-        and "Containerfile" in names
-        and "lfpipe/cli/up.py" in names
-        and "tests/support/world.py" in names
-        and "examples/eyes.py" in names
-    )
-    assert "docs/page.png" not in names, "it shows a person"
-    assert not any(name.startswith(("profiling/results", "lfpipe-")) for name in names)
-    assert "License-Expression: Apache-2.0" in about and "Author: the lfpipe developers" in about
-    assert (
-        "Apache License" in (ROOT / "LICENSE").read_text()
-        and "Apache-2.0" in (ROOT / "CITATION.cff").read_text()
-    )
-    targets = re.findall(r"\]\(([^)]+)\)", about)
-    assert all(target.startswith("https://") for target in targets), targets
-    assert ("![" in about) == bool(url) and "Project-URL: Source, https:" in about
-    assert "lfpipe up --demo" in about and "## How it works" in about
-
-
-def test_containerfile_runs_commands_that_exist() -> None:
-    text = (ROOT / "Containerfile").read_text()
-    assert (
-        re.search(r"^FROM python:3\.1[1-4]-slim$", text, re.M)
-        and '"lfpipe", "up", "--demo"' in text
-        and "pytest" in text
-    )

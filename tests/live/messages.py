@@ -18,19 +18,8 @@ from lfpipe.live.shared_scene import scene_dtype, segment_of
 from lfpipe.transport import ring
 from lfpipe.transport.ring import DESCRIPTION, RingSpec
 from tests.live import made
-from tests.support.films import write_film
 
 NAME = f"bad_{os.getpid()}"
-
-
-def named(query: str, size_px: tuple[int, int] = (160, 120)) -> Callable[[Path], object]:
-    """Names a grey clip, with a query."""
-
-    def cause(here: Path) -> None:
-        grey = np.full((size_px[1], size_px[0], 3), 90, np.uint8)
-        check_live(f"live:file:{write_film(here / 'a.avi', [grey] * 2)}{query}", Config())
-
-    return cause
 
 
 @contextlib.contextmanager
@@ -79,13 +68,6 @@ def one_device(_: Path) -> None:
 
 VERSION = "its records are not those of this version … the same version of lfpipe in both"
 MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
-    "a grid that does not divide the frame": (
-        named("?grid=7x7"),
-        "live:file:/here/a.avi?grid=7x7: a frame of 160x120 px is not divided by 7x7 views … size=",
-    ),
-    "small views": (named("?grid=8x8"), " … views of 20x15 px are too small … at least 48 px"),
-    "no layout": (named(""), " … does not show how its views lie … ?layout=side-by-side"),
-    "another word": (named("?layout=sideways"), " … layout=sideways is no layout … ?layout=mosaic"),
     "a ring of another version": (of_another_version, f"ring:{NAME}: {VERSION}"),
     "a ring that is damaged": (damaged, f"ring:{NAME}: {VERSION}"),
     "no ring": (

@@ -76,20 +76,6 @@ def test_session_shows_views_and_their_disparity(world: World, views: Path) -> N
 
 
 @pytest.mark.live
-@pytest.mark.parametrize("stage", NEW_STAGES)
-def test_session_survives_the_death_of_a_stage(world: World, views: Path, stage: str) -> None:
-    world.shows(Path(f"live:file:{views}"), pictures=30)
-    world.kill(stage)
-    world.more_pictures(60)
-    world.wait_for(lambda: world.monitor()["stages"][stage]["restarts"] == 1, "a restart")
-    before = world.monitor()["stages"]["render"]["metrics"]["own_disparity"]
-    world.wait_for(
-        lambda: world.monitor()["stages"]["render"]["metrics"]["own_disparity"] > before + 20,
-        "pictures with their own disparity",
-    )
-
-
-@pytest.mark.live
 @pytest.mark.parametrize("disparity", ["", "disparity"])
 def test_session_keeps_the_last_picture_of_a_program_and_finds_it_again(
     world: World, disparity: str

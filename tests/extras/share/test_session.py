@@ -156,16 +156,6 @@ def test_what_is_shared_is_stopped_and_started_while_it_runs(sharing: Sharing) -
     world.ctl("share", "start", target)
 
 
-def test_a_stage_that_is_killed_comes_back_and_shares_on(sharing: Sharing) -> None:
-    pid = sharing.pid()
-    pictures = len(sharing.world.lines())
-    os.kill(pid, signal.SIGKILL)
-    sharing.world.wait_for(lambda: sharing.pid() != pid, "another process")
-    count = len(sharing.heard)
-    sharing.world.wait_for(lambda: len(sharing.heard) > count + 30, "frames by OSC")
-    sharing.world.pictures(pictures + 20)
-
-
 def test_nothing_is_open_to_anybody_unless_asked(live: World) -> None:
     pids = [stage["pid"] for stage in live.monitor()["stages"].values()]
     assert len(pids) == 3
