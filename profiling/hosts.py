@@ -81,7 +81,7 @@ class Interpreter:
             "UV_PYTHON": path,
             "PYTHONPATH": str(ROOT),
         }
-        self._env |= {"XDG_RUNTIME_DIR": str(folder)}
+        self._env |= {"LFPIPE_RUN_DIR": str(folder)}
         if not self.own:
             subprocess.run(
                 ["uv", "sync", "--quiet", "--group", "dev", "--python", path],

@@ -48,7 +48,7 @@ def measured(way: str, path: str, folder: Path) -> tuple[str, ...]:
     """Size, versions, conflicts and whether the demo runs."""
     place = folder / "venv"
     env = {key: value for key, value in os.environ.items() if key not in ("VIRTUAL_ENV", "DISPLAY")}
-    env |= {"UV_PROJECT_ENVIRONMENT": str(place), "XDG_RUNTIME_DIR": str(folder)}
+    env |= {"UV_PROJECT_ENVIRONMENT": str(place), "LFPIPE_RUN_DIR": str(folder)}
     python = place / "bin/python"
 
     def run(*words: str | Path) -> subprocess.CompletedProcess[str]:

@@ -43,7 +43,7 @@ mkdir "$root/data/source"
 (cd "$source" && tar -c --exclude=.git --exclude=.venv .) | tar -x -C "$root/data/source"
 
 run() {
-    chroot "$root" env HOME=/root XDG_RUNTIME_DIR=/run/lfpipe LFPIPE_SESSION=arm LFPIPE_PATIENCE=8 PATH=/opt/venv/bin:/usr/bin:/bin "$@"
+    chroot "$root" env HOME=/root LFPIPE_RUN_DIR=/run/lfpipe LFPIPE_SESSION=arm LFPIPE_PATIENCE=8 PATH=/opt/venv/bin:/usr/bin:/bin "$@"
 }
 mkdir -p "$root/run/lfpipe" && chmod 700 "$root/run/lfpipe"
 run pip install --quiet /data/source

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from lfpipe.api.arguments import ArrayLike, typed
 from lfpipe.errors import UserError
-from lfpipe.host.segment import Segment, abandoned, unlink
 from lfpipe.live.records import VIEWPOINTS
 from lfpipe.live.shared_scene import (
     MAX_SIDE_PX,
@@ -17,11 +16,13 @@ from lfpipe.live.shared_scene import (
     SLOTS,
     VIEWPOINTS_RING,
     check_name,
+    directory_of,
     scene_dtype,
-    segment_of,
+    scene_of,
     viewpoints_of,
 )
 from lfpipe.scene.disparity import quantised, scale_for
+from lfpipe.supervisor import rundir
 from lfpipe.transport import ring
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.ring import RingSpec
@@ -82,13 +83,16 @@ class LiveScene:
         self.name = name
         self._shape = rows, cols, size_px[1], size_px[0], 3
         self._parts = contextlib.ExitStack()
-        for left, _ in abandoned(segment_of(name)):  # by a program that was killed
-            unlink(left)
+        in_use = UserError(
+            f"live scene {name!r} is in use", "end the other program, or use another name"
+        )
+        lock = rundir.take(directory_of(name), in_use)
+        self._parts.callback(rundir.remove, directory_of(name), lock)
         try:
             spec = RingSpec((), scene_dtype(rows, cols, size_px), SLOTS)
-            self._make(segment_of(name), spec)
-            self._make(viewpoints_of(name), VIEWPOINTS_RING)
-            self._writer = ring.Writer(segment_of(name))
+            ring.create(scene_of(name), spec).close()
+            ring.create(viewpoints_of(name), VIEWPOINTS_RING).close()
+            self._writer = ring.Writer(scene_of(name))
             self._parts.callback(self._writer.close)
             self._viewpoints = ring.Reader(viewpoints_of(name))
             self._parts.callback(self._viewpoints.close)
@@ -97,16 +101,6 @@ class LiveScene:
             raise
         self._at = np.zeros((), VIEWPOINTS)
         self._count = 0
-
-    def _make(self, name: str, spec: RingSpec) -> None:
-        try:
-            made = ring.create(name, spec)
-        except FileExistsError:
-            raise UserError(
-                f"live scene {self.name!r} is in use",
-                "end the other program, or use another name",
-            ) from None
-        self._parts.callback(_remove, made)
 
     def write(
         self,
@@ -208,9 +202,3 @@ class LiveScene:
 def _check_range(what: str, value: int, most: int) -> None:
     if not 1 <= value <= most:
         raise UserError(f"{what} {value}: not a number from 1 to {most}", f"use 1 to {most}")
-
-
-def _remove(made: Segment) -> None:
-    with contextlib.suppress(FileNotFoundError):
-        made.unlink()
-    made.close()

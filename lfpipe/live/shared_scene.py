@@ -3,31 +3,38 @@ if the program knows it, their disparity; and a ring with the viewpoints of the 
 which it may draw.
 """
 
-import os
+import contextlib
 import re
+from pathlib import Path
 
 import numpy as np
 
 from lfpipe.config import LiveSource
 from lfpipe.errors import UserError
-from lfpipe.host import segment
+from lfpipe.host import file_lock
 from lfpipe.live.records import VIEWPOINTS
 from lfpipe.transport import ring
 from lfpipe.transport.ring import RingSpec
+from lfpipe.transport.session import LIVE, base_dir
 
 RING = "ring:"  # prefix of its source
 SLOTS = 4
 MAX_SIDE_PX, MAX_SIDE_VIEWS = 8192, 64
 
 
-def segment_of(name: str) -> str:
-    """The name of the scene's segment."""
-    return f"{segment.PREFIX}live-{os.getuid()}-{name}"
+def directory_of(name: str) -> Path:
+    """The directory of the scene, whose lock its program holds."""
+    return base_dir() / f"{LIVE}{name}"
 
 
-def viewpoints_of(name: str) -> str:
-    """The name of the segment with the viewpoints."""
-    return segment_of(name) + ".viewpoints"
+def scene_of(name: str) -> Path:
+    """The ring of the scene."""
+    return directory_of(name) / "scene.ring"
+
+
+def viewpoints_of(name: str) -> Path:
+    """The ring with the viewpoints."""
+    return directory_of(name) / "viewpoints.ring"
 
 
 def two_cameras(live: LiveSource) -> bool:
@@ -74,7 +81,7 @@ def attached(name: str) -> tuple[ring.Reader, tuple[int, int], tuple[int, int]]:
     check_name(name)
     remedy = "start the program that draws it"
     try:
-        reader = ring.Reader(segment_of(name))
+        reader = ring.Reader(scene_of(name))
     except FileNotFoundError:
         raise UserError(f"ring:{name}: no such live scene", remedy) from None
     except (UserError, ValueError, LookupError, TypeError):  # written in another language, too
@@ -95,4 +102,6 @@ def _other_version(name: str) -> UserError:
 
 def has_writer(name: str) -> bool:
     """Whether the program that created the ring lives."""
-    return segment_of(name) not in dict(segment.abandoned(segment_of(name)))
+    with contextlib.suppress(OSError):
+        return file_lock.is_held(directory_of(name) / "lock")
+    return False

@@ -29,7 +29,6 @@ from lfpipe.config.user_files import commented
 from lfpipe.errors import UserError, redacted
 from lfpipe.files.output import check_output, write_output
 from lfpipe.files.safe_files import PRIVATE
-from lfpipe.host import segment
 from lfpipe.host.files import is_missing
 from lfpipe.host.machine import has_gpu, install_command, versions
 from lfpipe.host.processes import ask_for_short_slices, usable_cores
@@ -39,7 +38,7 @@ from lfpipe.scene.cache import prepare_cache
 from lfpipe.supervisor import rundir
 from lfpipe.supervisor.session import try_session
 from lfpipe.track import models
-from lfpipe.transport.session import Session
+from lfpipe.transport.session import Session, base_dir
 
 NO_CAMERA = (
     "plug it in, or use --camera mouse, --camera demo, or a recording with --camera file:PATH"
@@ -250,24 +249,23 @@ def session(settings: config.Config) -> Check:
         viewer = NoViewer() if models.missing_models() else check_source("demo", settings.camera)
         own = Session(f"doctor.{os.getpid()}")
         outcome = try_session(own, settings, SessionOptions(viewer=viewer, show=False))
-        total_bytes, _, free_bytes = shutil.disk_usage(segment.SHM_DIR)
+        total_bytes, _, free_bytes = shutil.disk_usage(base_dir())
     except UserError as error:
         return Check("session", False, error.message, error.remedy)
     if outcome.failure is not None:
         return Check("session", False, outcome.failure, outcome.remedy)
     assert outcome.final is not None, "it had started"
-    room = f"{segment.SHM_DIR}: {free_bytes / 1e6:.0f} MB free of {total_bytes / 1e6:.0f} MB"
+    room = f"{base_dir()}: {free_bytes / 1e6:.0f} MB free of {total_bytes / 1e6:.0f} MB"
     started = ", ".join(outcome.final.used_stages) or "nothing"
     return Check("session", True, f"started and ended: {started}; {room}")
 
 
 def leftovers() -> Check:
-    """This user's segments of dead sessions, in any run directory."""
-    if not (run_dirs := dict(segment.abandoned())):
+    """This user's directories of dead sessions."""
+    if not (left := rundir.abandoned()):
         return Check("left over", True, "nothing")
-    places = sorted({str(run_dir.parent) for run_dir in run_dirs.values()})
-    remedy = f"run `lfpipe up`, which removes them, with XDG_RUNTIME_DIR={' or '.join(places)}"
-    return Check("left over", True, ", ".join(run_dirs), remedy)
+    remedy = "run `lfpipe up`, which removes them"
+    return Check("left over", True, ", ".join(map(str, left)), remedy)
 
 
 def checks() -> list[Check]:

@@ -42,7 +42,7 @@ class Watch:
         try:
             self._mark = self._marked()
             self.manifest = SessionManifest.read(session.run_dir)
-            self.table = Table(self.manifest.segments + "status")
+            self.table = Table(session.segment("status"))
         except WrongSegment:
             raise
         except (FileNotFoundError, ValueError):

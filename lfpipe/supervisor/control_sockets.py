@@ -65,7 +65,8 @@ class ControlSockets:
                 """A socket to which only this user may connect. max_bytes: of a message; the
                 client of a longer one is disconnected.
                 """
-                control.check_place(run_dir, name)
+                hidden = run_dir / f".{name}"  # ZeroMQ removes it, and not what is there later
+                control.check_place(run_dir, hidden.name)
                 try:
                     socket = parts.enter_context(context.socket(kind))
                     socket.setsockopt(zmq.MAXMSGSIZE, max_bytes)
@@ -73,11 +74,12 @@ class ControlSockets:
                     socket.setsockopt(zmq.RCVHWM, WAITING)
                     if kind == zmq.ROUTER:  # a restarted stage has its old name
                         socket.setsockopt(zmq.ROUTER_HANDOVER, 1)
-                    socket.bind(f"ipc://{run_dir / name}")
+                    socket.bind(f"ipc://{hidden}")
                 except zmq.ZMQError as error:
                     code = error.errno or 0
                     raise OSError(code, os.strerror(code), str(run_dir / name)) from None
-                (run_dir / name).chmod(0o600)
+                hidden.chmod(0o600)
+                hidden.rename(run_dir / name)
                 return socket
 
             # a message of more than MAX_BYTES gets an error answer, one of twice that size none

@@ -1,8 +1,7 @@
-"""The run directory: one session owns and locks it while it runs. Any process of the user may
-sweep one without an owner.
+"""The directory of a session: one process owns and locks it while it runs. Any process of the user
+may sweep one without an owner. Live scenes of other programs have such directories, too.
 
-A lock ends with its process. A sweep unlinks shared memory only if it belongs to this user and its
-session is dead (`host.segment`).
+A lock ends with its process.
 """
 
 import contextlib
@@ -15,21 +14,19 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from lfpipe.errors import UserError
-from lfpipe.host import file_lock, processes, segment
+from lfpipe.host import file_lock, processes
 from lfpipe.host.file_lock import Lock
-from lfpipe.host.files import is_missing
 from lfpipe.host.limits import REMEDIES
 from lfpipe.transport import control
-from lfpipe.transport.session import PREFIX, Session, base_dir, place_prefix
+from lfpipe.transport.session import LIVE, PREFIX, Session, base_dir
 
 # to take a lock: a process that sweeps or lists sessions holds one briefly
 ATTEMPTS, PAUSE_S = 30, 0.01
-ENDING_S = 3.0  # time limit for a session that lost its run directory to end
 
 
 def _is_own_directory(path: Path) -> bool:
-    """Whether path is a directory of this user and not a link: in /tmp, any user may create one
-    with this name. Raises OSError.
+    """Whether path is a directory of this user and not a link: in /dev/shm and /tmp, any user may
+    create one with this name. Raises OSError.
     """
     entry = path.lstat()
     return stat.S_ISDIR(entry.st_mode) and entry.st_uid == os.getuid()
@@ -49,7 +46,7 @@ def _make_directory(path: Path) -> None:
         path.chmod(0o700)
     except OSError as error:
         raise UserError(
-            f"{path}: {error.strerror}", "set XDG_RUNTIME_DIR to a directory that you may write to"
+            f"{path}: {error.strerror}", "set LFPIPE_RUN_DIR to a directory that you may write to"
         ) from None
 
 
@@ -74,22 +71,23 @@ def take_lock(path: Path, make: bool = False) -> Lock | None:
         lock.release()
 
 
-def _sessions() -> Iterator[Session]:
-    """This user's sessions that have a run directory.
+def _directories() -> Iterator[tuple[str, Path]]:
+    """This user's directories, by the names of their sessions; those of live scenes have none.
 
-    Skips anything unreadable or not a run directory.
+    Skips anything unreadable and of other names.
     """
     base = base_dir()
     try:
-        names = sorted(path.name for path in base.iterdir() if path.name.startswith(PREFIX))
+        paths = sorted(path for path in base.iterdir() if path.name.startswith(PREFIX))
     except OSError:
         return
-    for name in names:
+    for path in paths:
+        name = path.name.removeprefix(LIVE).removeprefix(PREFIX)
         # it has just ended, or it is not the name of a session
         with contextlib.suppress(OSError, UserError):
-            session = Session(name.removeprefix(PREFIX))
-            if _is_own_directory(base / name):
-                yield session
+            Session(name)
+            if _is_own_directory(path):
+                yield "" if path.name.startswith(LIVE) else name, path
 
 
 @contextlib.contextmanager
@@ -104,130 +102,114 @@ def filled(session: Session) -> Iterator[None]:
         what = "free space there" if error.errno in (errno.ENOSPC, errno.EDQUOT) else "remove it"
         raise UserError(
             f"{path}: {error.strerror}",
-            REMEDIES.get(error.errno or 0, f"{what}, or set XDG_RUNTIME_DIR to another directory"),
+            REMEDIES.get(error.errno or 0, f"{what}, or set LFPIPE_RUN_DIR to another directory"),
         ) from None
 
 
 def acquire(session: Session) -> Lock:
     """Takes the session for this process and returns its lock. The directory is then empty except
-    for the lock, and the names of the session's memory are free.
+    for the lock.
 
     Raises UserError if another `up` runs under this name or the path is too long for sockets,
     OSError if an entry of the directory cannot be removed.
     """
-    control.check_place(session.run_dir, "ctl")
+    control.check_place(session.run_dir, ".ctl")
+    option = "" if session.name == "default" else f" --session {session.name}"
+    remedy = f"use another --session NAME, or end it: `lfpipe ctl{option} stop`"
+    running = UserError(f"session {session.name!r} is already running", remedy)
+    return take(session.run_dir, running)
+
+
+def take(path: Path, in_use: UserError) -> Lock:
+    """Takes the directory at path for this process, as `acquire`. Raises in_use if another process
+    owns it.
+    """
     for _ in range(ATTEMPTS):
-        if (lock := take_lock(session.lock, make=True)) is not None:
+        if (lock := take_lock(path / "lock", make=True)) is not None:
             break
         time.sleep(PAUSE_S)
     else:
-        option = "" if session.name == "default" else f" --session {session.name}"
-        remedy = f"use another --session NAME, or end it: `lfpipe ctl{option} stop`"
-        raise UserError(f"session {session.name!r} is already running", remedy)
+        raise in_use
     try:
-        _empty(session.run_dir)
-        if not _unlink_memory(session):
-            remedy = "try again in a few seconds, or use another --session NAME"
-            raise UserError(
-                f"session {session.name!r} lost its run directory and has not ended yet", remedy
-            )
+        _empty(path)
     except BaseException:
-        release(session, lock)
+        remove(path, lock)
         raise
     return lock
 
 
-def _empty(run_dir: Path) -> None:
-    for path in run_dir.iterdir():
-        if not path.name.startswith("lock"):
-            if stat.S_ISDIR(path.lstat().st_mode):
-                shutil.rmtree(path)
-            else:
-                path.unlink(missing_ok=True)
-
-
-def _unlink_memory(session: Session) -> bool:
-    """Unlinks the session's abandoned memory; returns whether none is left. Waits for other
-    sweeping processes, and for the end of a live session that lost its run directory.
+def _empty(path: Path) -> None:
+    """Removes all but the lock. First resumes the stopped stages of a dead supervisor, so that the
+    kernel's SIGTERM can end them.
     """
-    prefix = place_prefix(session.run_dir)
-    end_s = time.monotonic() + ENDING_S
-    while True:
-        for name, _ in segment.abandoned(prefix):
-            _resume_stages(name)
-            segment.unlink(name)
-        if not segment.owned(prefix):
-            return True
-        if time.monotonic() > end_s:
-            return False
-        time.sleep(PAUSE_S)
+    from lfpipe.transport.status import Table  # needs numpy, which `find` does not wait for
+
+    with contextlib.suppress(OSError, ValueError):
+        table = Table(path / "status")
+        pids = [int(row["pid"]) for row in table.rows.values()]
+        table.close()
+        for pid in filter(None, pids):
+            processes.resume_stage(pid)
+    for entry in path.iterdir():
+        if entry.name != "lock":
+            if stat.S_ISDIR(entry.lstat().st_mode):
+                shutil.rmtree(entry)
+            else:
+                entry.unlink(missing_ok=True)
 
 
 def release(session: Session, lock: Lock) -> None:
-    """Removes everything that the session created, the lock last, and releases the lock. Skips
-    files that cannot be removed, and everything if another session now owns the directory. The
-    caller must have unlinked its own memory.
+    """Removes everything that the session created, and releases the lock."""
+    remove(session.run_dir, lock)
+
+
+def remove(path: Path, lock: Lock) -> None:
+    """Removes a directory, the lock last, and releases the lock. Skips files that cannot be
+    removed, and everything if another process now owns the directory.
     """
     try:
         if lock.in_place():
-            _unlink_memory(session)
             with contextlib.suppress(OSError):
-                _empty(session.run_dir)
-                session.lock.unlink()
-                session.run_dir.rmdir()
+                _empty(path)
+                (path / "lock").unlink()
+                path.rmdir()
             return
     finally:
         lock.release()
     # if only the lock is missing, the rest is removed like a dead session's
     with contextlib.suppress(OSError):
-        if (again := take_lock(session.lock)) is not None:
-            release(session, again)
+        if (again := take_lock(path / "lock")) is not None:
+            remove(path, again)
 
 
-def _resume_stages(name: str) -> None:
-    """Resumes the stopped stages of a dead supervisor, so that the kernel's SIGTERM can end them.
-
-    name: of a segment; nothing happens unless it holds a status table of this version.
-    """
-    from lfpipe.transport.status import Table  # needs numpy, which `find` does not wait for
-
-    with contextlib.suppress(FileNotFoundError, ValueError):
-        table = Table(name)
-        pids = [int(row["pid"]) for row in table.rows.values()]
-        table.close()
-        for pid in pids:
-            if pid > 0:
-                processes.resume_stage(pid)
+def abandoned() -> list[Path]:
+    """This user's directories without an owner."""
+    left = []
+    for _, path in _directories():
+        with contextlib.suppress(OSError):  # it has just ended
+            left += [] if file_lock.is_held(path / "lock") else [path]
+    return left
 
 
 def sweep() -> list[str]:
     """Removes leftovers of this user's dead sessions, and returns their names. Skips files that
     cannot be removed.
-
-    Covers the run directories of this runtime directory, and all memory whose run directory no
-    longer exists.
     """
     swept = []
-    for session in _sessions():
+    for name, path in _directories():
         with contextlib.suppress(OSError):
-            lock = take_lock(session.lock)
-            if lock is not None:
-                release(session, lock)
-                swept.append(session.name)
-    for name, run_dir in segment.abandoned():
-        if run_dir.is_absolute() and is_missing(run_dir):
-            _resume_stages(name)
-            with contextlib.suppress(OSError):
-                segment.unlink(name)
+            if (lock := take_lock(path / "lock")) is not None:
+                remove(path, lock)
+                swept.append(name or path.name)
     return swept
 
 
 def running() -> list[str]:
-    """Names of this user's living sessions in this runtime directory."""
+    """Names of this user's living sessions."""
     names = []
-    for session in _sessions():
+    for name, path in _directories():
         with contextlib.suppress(OSError):  # it is starting, has just ended, or is unreadable
-            names += [session.name] if file_lock.is_held(session.lock) else []
+            names += [name] if name and file_lock.is_held(path / "lock") else []
     return sorted(names)
 
 

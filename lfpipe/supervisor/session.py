@@ -59,6 +59,7 @@ LOGGED_TOPICS = ("parallax",)  # it changes with the viewer's distance
 # of telemetry: more lines than a person reads, also when every stage has restarted at once
 MAX_LINES, LINES_NS = 20, SECOND_NS
 MAX_LINE = 2000  # characters; a line of ours has some hundred
+CLEANED = "find the program that cleans that folder, and exclude lfpipe-*"
 REDUCED = "CPU overloaded: picture quality reduced (`lfpipe monitor` shows how and why)"
 RECORDER_ENDED = "the recorder stopped early and nothing else was running"
 INTERNAL = {
@@ -372,15 +373,15 @@ class LiveSession:
         """
         if not lock.in_place():
             self._fail(
-                "its run directory was removed",
+                "its directory was removed",
                 f"{self._session.run_dir} was removed while the session ran",
-                "set XDG_RUNTIME_DIR to a directory that no program cleans",
+                CLEANED,
             )
         if removed := self._store.removed():
             self._fail(
                 "its shared memory was removed",
                 f"{removed} was removed while the session ran",
-                "find the program that cleans that folder, and exclude lfp-*",
+                CLEANED,
             )
 
     def _check_limits(self, duration_s: float | None, signals: Sequence[int]) -> None:
@@ -619,15 +620,13 @@ class LiveSession:
 
 
 @contextlib.contextmanager
-def _acquired(session: Session) -> Iterator[tuple[Session, Lock]]:
-    """The session with its token, and its lock, where the limits of this system allow one. Raises
-    UserError.
-    """
+def _acquired(session: Session) -> Iterator[Lock]:
+    """The lock of the session, where the limits of this system allow one. Raises UserError."""
     limits.allow_files()
     with rundir.filled(session):
         lock = rundir.acquire(session)
     try:
-        yield session.with_token(), lock
+        yield lock
     finally:
         rundir.release(session, lock)
 
@@ -636,9 +635,9 @@ def try_session(session: Session, config: Config, options: SessionOptions) -> Ou
     """As `run_session`, until all stages are ready. Keeps no log, and removes nothing of others."""
     state = SessionState.first(config, options)
     with (
-        _acquired(session) as (own, lock),
-        rundir.filled(own),
-        closing(LiveSession(own, state, logger.info)) as live,
+        _acquired(session) as lock,
+        rundir.filled(session),
+        closing(LiveSession(session, state, logger.info)) as live,
     ):
         return live.loop(0.0, (), lock)
 
@@ -667,7 +666,7 @@ def run_session(
         if again and live is not None:  # the second Ctrl-C ends at once
             live.stages.kill()
 
-    with _acquired(session) as (session, lock):
+    with _acquired(session) as lock:
         try:
             log = session_log.kept_in(session.run_dir)
             signalled = signals.handled(take_signal)

@@ -28,7 +28,7 @@ from lfpipe.config import (
 from lfpipe.config.modes import Lossless, Viewer, watching
 from lfpipe.config.quality import first_level, quality_levels
 from lfpipe.host import wake
-from lfpipe.host.segment import SHM_DIR, Segment
+from lfpipe.host.segment import Segment
 from lfpipe.live.records import live_rings
 from lfpipe.scene.pack import hold_pack
 from lfpipe.supervisor.child import EXIT_TERMINATED
@@ -289,8 +289,7 @@ class Trial:
 
 
 def _remove(memory: Segment) -> None:
-    with contextlib.suppress(FileNotFoundError):
-        memory.unlink()
+    memory.unlink()
     memory.close()
 
 
@@ -310,7 +309,7 @@ class SessionStore:
         self._rings: dict[str, Segment] = {}
         self._pack = contextlib.ExitStack()
         with contextlib.ExitStack() as undo:
-            self._status = status.create(session.segment("status"), METRICS, session.run_dir)
+            self._status = status.create(session.segment("status"), METRICS)
             undo.callback(_remove, self._status)
             undo.callback(self._keep, ())
             undo.callback(self._pack.close)
@@ -326,7 +325,7 @@ class SessionStore:
     def removed(self) -> str:
         """The file of a segment that another program has removed; "" if all are in place."""
         memory = (self._status, *self._rings.values())
-        return next((str(SHM_DIR / one.name) for one in memory if not one.in_place()), "")
+        return next((str(one.path) for one in memory if not one.in_place()), "")
 
     def apply(self, state: SessionState) -> None:
         """Stores a state; `take_message` returns a new revision for the stages.
@@ -359,9 +358,7 @@ class SessionStore:
         before = set(self._rings)
         try:
             for name in specs.keys() - before:
-                self._rings[name] = ring.create(
-                    self._session.segment(name), specs[name], self._session.run_dir
-                )
+                self._rings[name] = ring.create(self._session.segment(name), specs[name])
         except BaseException:
             self._keep(before)
             raise
@@ -380,7 +377,7 @@ class SessionStore:
         return message
 
     def close(self) -> None:
-        """Unlinks every segment; the FIFOs are removed with the run directory."""
+        """Unlinks every segment; the FIFOs are removed with the directory."""
         gc.collect()
         # An exception that ends the session still references rows; its mapping ends with it.
         with contextlib.suppress(BufferError):

@@ -151,7 +151,7 @@ def check_place(run_dir: Path, name: str) -> None:
     if length > zmq.IPC_PATH_MAX_LEN:
         raise UserError(
             f"{run_dir / name} has {length} characters; a socket allows {zmq.IPC_PATH_MAX_LEN}",
-            "use a shorter --session name, or a shorter XDG_RUNTIME_DIR",
+            "use a shorter --session name, or a shorter LFPIPE_RUN_DIR",
         )
 
 

@@ -114,26 +114,27 @@ class Stamp:
     """Source of t_sensor_ns, see `StampKind`."""
 
 
-def create(name: str, spec: RingSpec, run_dir: Path | None = None) -> Segment:
-    """Creates an empty ring for the session of run_dir; the caller keeps the segment and unlinks
-    it. Raises UserError like `segment.create`.
+def create(path: Path, spec: RingSpec) -> Segment:
+    """Creates an empty ring; the caller keeps the segment and unlinks it. Raises UserError like
+    `segment.create`.
     """
     description = json.dumps(
         {"shape": spec.shape, "dtype": np.lib.format.dtype_to_descr(spec.dtype)}
     ).encode()
     if spec.slots < 3 or DESCRIPTION + len(description) > PAGE:
         raise ValueError(
-            f"ring {name}: {spec.slots} slots (3 or more), {len(description)} bytes of description"
-            " (a page or less)"
+            f"ring {path.name}: {spec.slots} slots (3 or more), {len(description)} bytes of"
+            " description (a page or less)"
         )
     fence()  # fails on a machine without fences here, before the first process starts
-    memory = segment.create(name, spec.size_bytes, run_dir)
+    memory = segment.create(path, spec.size_bytes)
     buffer = memory.buf
     head = np.frombuffer(buffer, "<i8", 5)
     head[1:] = spec.slots, spec.stride, spec.payload_bytes, len(description)
     buffer[DESCRIPTION : DESCRIPTION + len(description)] = description
     np.frombuffer(buffer, "<i8", 1, EPOCH)[0] = -1  # so that the first writer's epoch is 0
-    buffer[: len(MAGIC)] = MAGIC  # last: a reader that sees the magic also sees the rest
+    buffer[: len(MAGIC)] = MAGIC
+    segment.publish(memory, path)  # last: a reader that finds it finds all
     return memory
 
 
@@ -147,9 +148,8 @@ def _dtype(descr: Any) -> DTypeLike:
 class _Ring:
     """Views of the segment, for both sides; `close` drops them before the segment."""
 
-    def __init__(self, name: str, writable: bool) -> None:
-        self.name = name
-        self._memory = segment.attach(name)
+    def __init__(self, path: Path, writable: bool) -> None:
+        self._memory = Segment(path)
         self._memory.check(MAGIC, "ring", PAGE)
         buffer = self._memory.buf if writable else self._memory.buf.toreadonly()
         self.slots, stride, _, length = (int(v) for v in np.frombuffer(buffer, "<i8", 4, 8))
@@ -169,6 +169,10 @@ class _Ring:
         self._bytes: list[NDArray[np.uint8]] = [
             np.frombuffer(buffer, np.uint8, size, s + SLOT_HEADER) for s in starts
         ]
+
+    def is_at(self, path: Path) -> bool:
+        """Whether path still leads to this ring."""
+        return self._memory.path == path and self._memory.in_place()
 
     @property
     def published(self) -> int:
@@ -194,8 +198,8 @@ class _Ring:
 class Writer(_Ring):
     """The one writer. Opening it starts a new epoch."""
 
-    def __init__(self, name: str) -> None:
-        super().__init__(name, writable=True)
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, writable=True)
         self.new_epoch()
 
     def new_epoch(self) -> None:
@@ -244,19 +248,19 @@ class Reader(_Ring):
 
     Parameters
     ----------
-    name : str
-        Of the segment: the prefix `segments` of `session.json`, and the name of the ring.
+    path : Path
+        Its file: `frames.ring` in the directory of the session.
 
     Raises
     ------
     FileNotFoundError
-        If there is no such segment.
+        If there is no such file.
     UserError
         If it is the ring of another version of lfpipe.
     """
 
-    def __init__(self, name: str) -> None:
-        super().__init__(name, writable=False)
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, writable=False)
         self.last_seq = self.published
 
     def read(self, out: NDArray[Any]) -> Stamp | None:

@@ -1,11 +1,10 @@
-"""Names of a session: its run directory, segments, FIFOs and sockets, made by the supervisor."""
+"""Names of a session: its directory, and the lock, memory, FIFOs and sockets in it, made by the
+supervisor.
+"""
 
-import errno
-import hashlib
 import json
 import os
 import re
-import secrets
 import time
 from pathlib import Path
 from typing import Any
@@ -14,44 +13,30 @@ import attrs
 
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import write_file
-from lfpipe.host import segment
+from lfpipe.host.segment import SHM_DIR
 from lfpipe.transport.clock import now_ns
 
-PREFIX = f"lfpipe-{os.getuid()}-"  # of run directories, to separate users
-MANIFEST = "session.json"  # in the run directory
+PREFIX = f"lfpipe-{os.getuid()}-"  # of the directories, to separate users
+LIVE = f"{PREFIX}live-"  # of those of live scenes, which no session has: names contain no "-"
+MANIFEST = "session.json"  # in the directory of a session
 
 
 def base_dir() -> Path:
-    """Parent of run directories: XDG_RUNTIME_DIR, or /tmp. Raises UserError if it is not an
-    absolute UTF-8 path.
+    """Parent of the directories: LFPIPE_RUN_DIR; by default /dev/shm, whose files are memory, or
+    where there is none, XDG_RUNTIME_DIR or /tmp. Raises UserError if it is not an absolute UTF-8
+    path.
     """
     # short: the path of a socket has at most 107 bytes, on macOS 103
-    text = os.environ.get("XDG_RUNTIME_DIR") or "/tmp"
+    usual = SHM_DIR if SHM_DIR.is_dir() else os.environ.get("XDG_RUNTIME_DIR") or "/tmp"
+    text = os.environ.get("LFPIPE_RUN_DIR") or str(usual)
     remedy = "set it to a directory of your own, or unset it"
     if not Path(text).is_absolute():
-        raise UserError(f"XDG_RUNTIME_DIR={text!r} is not an absolute path", remedy)
+        raise UserError(f"LFPIPE_RUN_DIR={text!r} is not an absolute path", remedy)
     try:
         text.encode()
     except UnicodeEncodeError:
-        raise UserError(f"XDG_RUNTIME_DIR={text!r} is not UTF-8", remedy) from None
+        raise UserError(f"LFPIPE_RUN_DIR={text!r} is not UTF-8", remedy) from None
     return Path(text)
-
-
-def place_prefix(run_dir: Path) -> str:
-    """Prefix of the names of all segments of a run directory's sessions: `lfp-`, 12 hexadecimal
-    digits of a hash, `-`.
-
-    The hash is the SHA-256 of `DEVICE:INODE/NAME`: device and inode of the run directory's parent,
-    and its own name. It is the same for any path to that directory, and differs in another
-    container that shares /dev/shm.
-    """
-    try:
-        parent = run_dir.parent.stat()
-        base = f"{parent.st_dev}:{parent.st_ino}"
-    except OSError:  # no session can exist there
-        base = str(run_dir.parent)
-    digest = hashlib.sha256(f"{base}/{run_dir.name}".encode()).hexdigest()
-    return f"{segment.PREFIX}{digest[:12]}-"
 
 
 def _check_name(name: str, setting: str) -> None:
@@ -67,24 +52,16 @@ class Session:
     """The names of one session."""
 
     name: str = attrs.field()
-    token: str = ""
-    """Random part of the names of its memory, so that no other user can take them first. Only the
-    supervisor and its stages have it; it is empty for others, who read it from the session's
-    manifest.
-    """
 
     @name.validator
     def _check(self, _: object, value: str) -> None:
         _check_name(value, f"--session {value!r}")
 
-    def with_token(self) -> "Session":
-        """The names of a new session: its memory has names of its own."""
-        return attrs.evolve(self, token=secrets.token_hex(8))
-
     @property
     def run(self) -> str:
-        """Unique id of this run of the session, for other programs; does not reveal the token."""
-        return f"{self.name}.{hashlib.sha256(self.token.encode()).hexdigest()[:12]}"
+        """Unique id of this run of the session, for other programs. Raises FileNotFoundError."""
+        manifest = SessionManifest.read(self.run_dir)
+        return f"{self.name}.{manifest.pid}.{manifest.started_ns}"
 
     @property
     def run_dir(self) -> Path:
@@ -94,28 +71,9 @@ class Session:
     def lock(self) -> Path:
         return self.run_dir / "lock"
 
-    def segment(self, ring: str) -> str:
-        """Name of a shared-memory segment. ring: its name, "status", or "" for the prefix of all
-        names.
-
-        If this process's runtime directory has no such session, the name is that of the user's only
-        session of this name elsewhere, so readers need not use the session's runtime directory.
-        Raises FileNotFoundError if no such session runs.
-        """
-        if self.token:
-            return f"{place_prefix(self.run_dir)}{self.token}-{ring}"
-        if os.access(self.run_dir, os.F_OK):
-            return SessionManifest.read(self.run_dir).segments + ring
-        elsewhere = {
-            f"{name.rpartition('-')[0]}-"
-            for name, owner in segment.owned().items()
-            if owner.name == self.run_dir.name
-        }
-        if len(elsewhere) != 1:
-            raise FileNotFoundError(
-                errno.ENOENT, "no session, or several, with that name", self.name
-            )
-        return elsewhere.pop() + ring
+    def segment(self, ring: str) -> Path:
+        """The file of a segment. ring: its name, or "status"."""
+        return self.run_dir / (ring if ring == "status" else f"{ring}.ring")
 
     def wake(self, ring: str, reader: str) -> Path:
         """FIFO with which the writer of ring wakes reader."""
@@ -134,8 +92,6 @@ class SessionManifest:
 
     session: str
     """Its name."""
-    segments: str
-    """Prefix of the names of its shared memory."""
     pid: int
     """Of the supervisor."""
     started_ns: int
@@ -150,7 +106,6 @@ class SessionManifest:
         """Writes the manifest of a session that starts now in this process."""
         manifest = cls(
             session=session.name,
-            segments=session.segment(""),
             pid=os.getpid(),
             started_ns=now_ns(),
             started=time.strftime("%Y-%m-%dT%H:%M:%S%z"),

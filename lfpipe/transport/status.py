@@ -103,21 +103,22 @@ SIZE_BYTES = ROWS_AT + PAGE_ROWS * ROW.itemsize + SESSION.itemsize
 LAYOUT = zlib.crc32(repr((ROW.descr, PAGE_ROWS, SESSION.descr)).encode())
 
 
-def create(name: str, stages: Mapping[str, MetricSet], run_dir: Path | None = None) -> Segment:
-    """An empty table with one row per stage, at most PAGE_ROWS, for the session of run_dir. The
-    caller keeps and unlinks the segment. Raises UserError as `segment.create` does, ValueError if
+def create(path: Path, stages: Mapping[str, MetricSet]) -> Segment:
+    """An empty table with one row per stage, at most PAGE_ROWS. The caller keeps and unlinks the
+    segment. Raises UserError as `segment.create` does, ValueError if
     there are too many stages or metrics.
     """
     declared = json.dumps({stage: metrics.to_plain() for stage, metrics in stages.items()}).encode()
     if len(stages) > PAGE_ROWS or len(declared) > MAX_DECLARED_BYTES:
         raise ValueError(f"{len(stages)} stages with {len(declared)} bytes of metrics do not fit")
-    memory = segment.create(name, SIZE_BYTES, run_dir)
+    memory = segment.create(path, SIZE_BYTES)
     buffer = memory.buf
     table = np.frombuffer(buffer, ROW, PAGE_ROWS, ROWS_AT)
     table["name"][: len(stages)] = [stage.encode() for stage in stages]
     buffer[HEAD : HEAD + len(declared)] = declared
     np.frombuffer(buffer, "<i8", 2, len(MAGIC))[:] = LAYOUT, len(declared)
-    buffer[: len(MAGIC)] = MAGIC  # last: a reader that finds the magic finds the rest
+    buffer[: len(MAGIC)] = MAGIC
+    segment.publish(memory, path)  # last: a reader that finds it finds all
     return memory
 
 
@@ -134,8 +135,8 @@ class Table:
     session: NDArray[np.void]
     """A record of dtype SESSION, shape ()."""
 
-    def __init__(self, name: str, writable: bool = False) -> None:
-        self._memory = segment.attach(name)
+    def __init__(self, path: Path, writable: bool = False) -> None:
+        self._memory = Segment(path)
         self._memory.check(MAGIC + LAYOUT.to_bytes(8, "little"), "status table", SIZE_BYTES)
         buffer = self._memory.buf if writable else self._memory.buf.toreadonly()
         table: NDArray[np.void] = np.frombuffer(buffer, ROW, PAGE_ROWS, ROWS_AT)
@@ -150,7 +151,7 @@ class Table:
             declared = json.loads(bytes(buffer[HEAD : HEAD + size]))
             self.metrics = {stage: MetricSet.from_plain(declared[stage]) for stage in self.rows}
         except (ValueError, KeyError, TypeError):
-            why = f"{name}: not a status table of this version: its declarations are damaged"
+            why = f"{path}: not a status table of this version: its declarations are damaged"
             raise WrongSegment(why, segment.REMEDY) from None
 
     def close(self) -> None:

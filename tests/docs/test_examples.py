@@ -46,7 +46,7 @@ def test_ring_example_reads_a_frame(
     example = next(block for block in blocks("docs/contracts.md") if "open_ring" in block)
     path = live.root / "ring_example.py"
     path.write_text(example.replace('"default"', f'"{live.name}"'))
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(live.run_dir))
+    monkeypatch.setenv("LFPIPE_RUN_DIR", str(live.run_dir))
     runpy.run_path(str(path))
     seq, t_sensor_ns, _skipped, mean = capsys.readouterr().out.split()
     assert (
@@ -56,7 +56,7 @@ def test_ring_example_reads_a_frame(
     )
 
 
-def test_contracts_say_where_the_parts_of_a_ring_are() -> None:
+def test_contracts_say_where_the_parts_of_a_ring_are(tmp_path: Path) -> None:
     """The offsets of the page, against a ring that the code made."""
     page = (ROOT / "docs" / "contracts.md").read_text()
     table = page.partition("| at byte ")[2].partition("\n\n")[0]
@@ -70,10 +70,10 @@ def test_contracts_say_where_the_parts_of_a_ring_are() -> None:
         [8, 16, 24, 32],
         [40, 48, ring.SLOT_HEADER],
     ]
-    name = f"lfp-contracts-{os.getpid()}"
-    memory = ring.create(name, ring.RingSpec((), EYES))
+    path = tmp_path / "eyes.ring"
+    memory = ring.create(path, ring.RingSpec((), EYES))
     try:
-        writer, reader = ring.Writer(name), ring.Reader(name)
+        writer, reader = ring.Writer(path), ring.Reader(path)
         writer.begin()
         writer.publish(7, 8, 9, epoch=3, kind=2)
         raw = bytes(memory.buf)

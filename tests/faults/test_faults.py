@@ -17,7 +17,7 @@ MANY = pytest.param(500, marks=(pytest.mark.soak, pytest.mark.timeout(7200)))
 def test_soak_session_outlives_random_faults(
     world: World, monkeypatch: pytest.MonkeyPatch, count: int
 ) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(world.run_dir))
+    monkeypatch.setenv("LFPIPE_RUN_DIR", str(world.run_dir))
     soak = Soak(world, seed=3)
     assert not (wrong := soak.run(count)), wrong
     assert (

@@ -13,7 +13,6 @@ from typing import Any
 import pytest
 
 from lfpipe.errors import UserError
-from lfpipe.host.segment import SHM_DIR
 from lfpipe.sequence.folder import open_sequence
 from lfpipe.supervisor import rundir
 from lfpipe.transport import control
@@ -28,7 +27,7 @@ NOBODY = 65534
 def test_run_directory_that_is_another_thing_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setenv("LFPIPE_RUN_DIR", str(tmp_path))
     session = Session("mine")
     if kind == "link":
         (tmp_path / "elsewhere").mkdir()
@@ -83,12 +82,12 @@ def test_files_and_segments_of_a_session_are_the_users_alone(guarded: World) -> 
     assert {stat.S_IFSOCK, stat.S_IFIFO, stat.S_IFREG} <= {
         stat.S_IFMT(path.stat().st_mode) for path in entries
     }
-    segments = [SHM_DIR / name for name in guarded.segments()]
+    segments = [run_dir / name for name in guarded.segments()]
     assert len(segments) >= 4, "status, frames, eyes, pictures"
     # the directory guards its files
-    doors = [path for path in (*entries, *segments) if path in segments or not path.is_file()]
+    doors = [path for path in entries if path in segments or not path.is_file()]
     assert not [str(path) for path in doors if stat.S_IMODE(path.stat().st_mode) != 0o600]
-    assert all(path.stat().st_uid == os.getuid() for path in (run_dir, *entries, *segments))
+    assert all(path.stat().st_uid == os.getuid() for path in (run_dir, *entries))
 
 
 @pytest.mark.live

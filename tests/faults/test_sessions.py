@@ -16,7 +16,6 @@ from typing import Any
 
 import pytest
 
-from lfpipe.host.segment import SHM_DIR
 from lfpipe.sequence.folder import open_sequence
 from tests.replay.test_record import frames
 from tests.support.world import LARGE, World, runs
@@ -61,9 +60,9 @@ from lfpipe import config
 from lfpipe.supervisor import rundir
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.supervisor.session_state import SessionStore
-from lfpipe.host import segment
+from lfpipe.host.segment import Segment
 from lfpipe.transport.session import Session
-session = Session(sys.argv[1]).with_token()
+session = Session(sys.argv[1])
 for _ in range(12):
     rundir.sweep()
     lock = rundir.acquire(session)
@@ -71,7 +70,7 @@ for _ in range(12):
     memory = SessionStore(session, SessionState.first(small, config.SessionOptions()))
     assert lock.in_place() and session.name in rundir.running()
     memory.table.rows["render"]["pid"] = os.getpid()
-    again = segment.attach(session.segment("status"))
+    again = Segment(session.segment("status"))
     assert os.getpid().to_bytes(4, "little") in bytes(again.buf), "the memory is another session's"
     again.close()
     memory.close()
@@ -88,7 +87,7 @@ def test_sweep_spares_sessions_that_begin_at_once(world: World) -> None:
     processes = []
     for k in range(6):
         command = [sys.executable, "-c", BEGIN_AND_END, f"{world.name}.{k % 3}"]
-        env = {**world.env, "XDG_RUNTIME_DIR": str(world.run_dir if k < 3 else other)}
+        env = {**world.env, "LFPIPE_RUN_DIR": str(world.run_dir if k < 3 else other)}
         processes.append(
             subprocess.Popen(
                 command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env
@@ -106,7 +105,7 @@ def test_session_ends_with_a_message_if_its_memory_or_run_directory_is_removed(
     process = world.shows(scene, *SMALL)
     pids = [stage["pid"] for stage in world.monitor()["stages"].values()]
     if what == "memory":
-        removed = SHM_DIR / world.segments("status")[0]
+        removed = world.session_dir / "status"
         removed.unlink()
     else:
         removed = next(world.run_dir.iterdir())

@@ -14,7 +14,9 @@ import lfpipe
 from lfpipe.capture.live_source import check_devices, check_live
 from lfpipe.capture.ring_source import RingSource
 from lfpipe.config import Config
-from lfpipe.live.shared_scene import scene_dtype, segment_of
+from lfpipe.errors import UserError
+from lfpipe.live.shared_scene import directory_of, scene_dtype, scene_of
+from lfpipe.supervisor import rundir
 from lfpipe.transport import ring
 from lfpipe.transport.ring import DESCRIPTION, RingSpec
 from tests.live import made
@@ -25,11 +27,12 @@ NAME = f"bad_{os.getpid()}"
 @contextlib.contextmanager
 def written(dtype: np.dtype[np.void]) -> Iterator[memoryview]:
     """A ring with records of that type."""
-    memory = ring.create(segment_of(NAME), RingSpec((), dtype, 4))
+    lock = rundir.take(directory_of(NAME), UserError("in use", ""))
+    memory = ring.create(scene_of(NAME), RingSpec((), dtype, 4))
     try:
         yield memory.buf
     finally:
-        memory.unlink()
+        rundir.remove(directory_of(NAME), lock)
 
 
 def of_another_version(_: Path) -> None:

@@ -17,7 +17,7 @@ from lfpipe.config import Config
 from lfpipe.errors import UserError
 from lfpipe.live.program import Program
 from lfpipe.live.records import VIEWPOINTS, cut
-from lfpipe.live.shared_scene import segment_of
+from lfpipe.live.shared_scene import scene_of
 from lfpipe.transport import ring
 from lfpipe.transport.ring import Stamp
 from tests.support.films import write_film
@@ -76,7 +76,7 @@ def test_live_scene_reaches_a_session_with_its_disparity_and_learns_its_viewpoin
 def test_disparity_that_no_program_means_is_measured_instead(name: str, value: float) -> None:
     with lfpipe.LiveScene(NAME, rows=1, cols=2, size_px=(64, 48)) as scene:
         program = Program(check_live(f"live:ring:{NAME}", Config()))
-        writer = ring.Writer(segment_of(NAME))  # in another language, which checks nothing
+        writer = ring.Writer(scene_of(NAME))  # in another language, which checks nothing
         for wrong in (False, True):
             record = writer.begin()
             record["step_px"], record["positions"] = 0.5, np.nan

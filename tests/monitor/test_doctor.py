@@ -1,6 +1,7 @@
 """The checks of `lfpipe doctor`, on this machine and on simulated faults."""
 
 import errno
+import os
 import re
 import resource
 import stat
@@ -16,6 +17,7 @@ from lfpipe.errors import UserError
 from lfpipe.host import PORTABLE
 from lfpipe.monitor import doctor
 from lfpipe.track import models
+from lfpipe.transport.session import Session
 from tests.supervisor.holder import Holder, holding
 from tests.support.processes import largest_file
 from tests.support.refusal import refusal
@@ -91,11 +93,10 @@ def test_doctor_checks_shared_memory(tmp_path: Path, monkeypatch: pytest.MonkeyP
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    for place, replaced in ("_create", full), ("SHM_DIR", tmp_path / "gone"):
-        with monkeypatch.context() as patch:
-            patch.setattr(f"lfpipe.host.segment.{place}", replaced)
-            check = doctor.session(config.Config())
-        assert not check.ok and "shm-size" in check.remedy
+    monkeypatch.setenv("LFPIPE_RUN_DIR", str(tmp_path))
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    check = doctor.session(config.Config())
+    assert not check.ok and "shm-size" in check.remedy
 
 
 def limited(kind: int, most: int) -> Callable[[], None]:
@@ -107,7 +108,7 @@ def limited(kind: int, most: int) -> Callable[[], None]:
 LIMITED: dict[str, tuple[dict[str, str], Callable[[], None] | None, str, tuple[str, ...]]] = {
     "open files": ({}, limited(resource.RLIMIT_NOFILE, 64), "session", ("64 open", "ulimit -n")),
     "file size": ({}, limited(resource.RLIMIT_FSIZE, 100_000), "session", ("ulimit -f",)),
-    "run directory": ({"XDG_RUNTIME_DIR": "/proc"}, None, "session", ("XDG_RUNTIME_DIR", "/proc")),
+    "run directory": ({"LFPIPE_RUN_DIR": "/proc"}, None, "session", ("LFPIPE_RUN_DIR", "/proc")),
     "cache": ({"XDG_CACHE_HOME": "/proc"}, None, "cache", ("/proc/lfpipe", "scene.cache_dir")),
 }
 
@@ -153,21 +154,20 @@ def test_doctor_fails_where_up_would_stop_and_fits_80_columns(world: World) -> N
     assert re.search(r"^FAIL settings .*camera\.sauce", failed.stdout, re.M | re.S)
 
 
-def test_doctor_leftovers_are_those_of_dead_sessions(tmp_path: Path) -> None:
+def test_doctor_leftovers_are_those_of_dead_sessions(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LFPIPE_RUN_DIR", str(tmp_path))
     dead = Holder(tmp_path, "dead")
-    left = dead.ready()
-    with holding(tmp_path, "living") as used:
-        assert not {*left, *used} & set(doctor.leftovers().detail.split(", "))
+    dead.ready()
+    with holding(tmp_path, "living"):
+        assert doctor.leftovers().detail == "nothing"
         dead.kill()
         check = doctor.leftovers()
-        assert (
-            check.ok
-            and set(left) <= set(check.detail.split(", "))
-            and not set(used) & set(check.detail.split(", "))
-        )
-        assert "lfpipe up" in check.remedy and str(tmp_path) in check.remedy
+        assert check.ok and check.detail == str(Session("dead").run_dir)
+        assert "lfpipe up" in check.remedy
     Holder(tmp_path, "next").end()
-    assert not set(left) & set(doctor.leftovers().detail.split(", "))
+    assert doctor.leftovers().detail == "nothing"
 
 
 def test_write_report_is_whole_private_and_replaces_its_own(tmp_path: Path) -> None:

@@ -38,9 +38,10 @@ def started(world: World, *words: str) -> "subprocess.Popen[str]":
     return program
 
 
-def remove_left(name: str) -> None:
+def remove_left(world: World, name: str) -> None:
     """Removes what a program that was killed has left, as the next one of its name does."""
-    lfpipe.LiveScene(name, rows=1, cols=2, size_px=(64, 48)).close()
+    with world.entered():
+        lfpipe.LiveScene(name, rows=1, cols=2, size_px=(64, 48)).close()
 
 
 @contextlib.contextmanager
@@ -52,7 +53,7 @@ def drawing(world: World, *words: str) -> Iterator[str]:
     finally:
         program.kill()
         program.wait()
-        remove_left(world.name)
+        remove_left(world, world.name)
 
 
 @pytest.fixture
@@ -92,11 +93,11 @@ def test_session_keeps_the_last_picture_of_a_program_and_finds_it_again(
     world.wait_for(lambda: world.monitor()["stages"]["views"]["count"] > before + 20, "its return")
     program.terminate()
     program.wait()
+    remove_left(world, name)
     world.ctl("stop")
     said = world.ended(session)
     assert "its program has ended; camera lost, trying again" in said
     assert f"ring:{name} is back after" in said
-    remove_left(name)
 
 
 @pytest.mark.live
@@ -126,7 +127,7 @@ def test_example_draws_a_live_scene(world: World, mode: str) -> None:
     finally:
         program.terminate()
         program.wait()
-        remove_left("ball")
+        remove_left(world, "ball")
 
 
 @pytest.mark.live

@@ -193,15 +193,14 @@ def test_tap_messages_report_each_state_and_parallax_once() -> None:
 # rings
 
 
-def test_picture_ring_begins_with_the_picture_on_the_screen() -> None:
-    name = f"lfpipe-test-{os.getpid()}-pictures"
-    segment = ring.create(name, RingSpec((4, 4, 3), np.dtype(np.uint8), 4))
+def test_picture_ring_begins_with_the_picture_on_the_screen(tmp_path: Path) -> None:
+    segment = ring.create(tmp_path / "a", RingSpec((4, 4, 3), np.dtype(np.uint8), 4))
     try:
-        listener = PictureRing(lambda asked: asked)
+        listener = PictureRing(lambda asked: tmp_path / asked)
         picture = np.full((4, 4, 3), 7, np.uint8)
         listener.handed_over(presentation(picture=picture))
-        reader = ring.Reader(name)
-        listener.set_options(attrs.evolve(NONE, pictures=name))
+        reader = ring.Reader(tmp_path / "a")
+        listener.set_options(attrs.evolve(NONE, pictures="a"))
         out = np.zeros((4, 4, 3), np.uint8)
         assert reader.read(out) is not None and np.array_equal(out, picture)
         for one, level in (
@@ -214,7 +213,7 @@ def test_picture_ring_begins_with_the_picture_on_the_screen() -> None:
             stamp = reader.read(out)
             assert level == (None if stamp is None else out[0, 0, 0])
         assert stamp is not None and stamp.t_sensor_ns == S
-        listener.set_options(attrs.evolve(NONE, pictures="lfpipe-test-none"))  # released since
+        listener.set_options(attrs.evolve(NONE, pictures="none"))  # released since
         reader.close()
     finally:
         segment.close()

@@ -95,7 +95,7 @@ def test_the_death_of_the_supervisor_loses_no_frame_that_the_recorder_had(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = world.root / "rec"
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(world.run_dir))
+    monkeypatch.setenv("LFPIPE_RUN_DIR", str(world.run_dir))
     process = world.start("record", out, "--camera", "demo", *LARGE)
     world.wait_for(lambda: frames(out) > 20, "frames")
     ring = Reader(Session(f"record.{process.pid}").segment("frames"))

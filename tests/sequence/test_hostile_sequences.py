@@ -216,7 +216,7 @@ def damages() -> dict[str, tuple[str, Callable[[Path], object]]]:
 
 def lfpipe(home: Path, *args: str | Path) -> tuple[int, str, str, float]:
     """Runs the command line in a process of its own; see `hostile_files.ended`."""
-    names = ("XDG_CONFIG_HOME", "XDG_CACHE_HOME", "XDG_RUNTIME_DIR")
+    names = ("XDG_CONFIG_HOME", "XDG_CACHE_HOME", "LFPIPE_RUN_DIR")
     env = {
         **os.environ,
         **{name: str(home / "home") for name in names},

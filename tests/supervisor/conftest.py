@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from lfpipe.transport.session import base_dir
+
 
 @pytest.fixture
 def name() -> str:
@@ -15,11 +17,13 @@ def name() -> str:
 
 @pytest.fixture
 def base(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """The runtime directory of this process; its path is short enough for sockets whatever TMPDIR
+    """Where this process looks for sessions; its path is short enough for sockets whatever TMPDIR
     says.
     """
-    with tempfile.TemporaryDirectory(prefix="lf", dir="/tmp", ignore_cleanup_errors=True) as folder:
+    with tempfile.TemporaryDirectory(
+        prefix="lf", dir=base_dir(), ignore_cleanup_errors=True
+    ) as folder:
         base = Path(folder) / "run"
         base.mkdir(mode=0o700)
-        monkeypatch.setenv("XDG_RUNTIME_DIR", str(base))
+        monkeypatch.setenv("LFPIPE_RUN_DIR", str(base))
         yield base

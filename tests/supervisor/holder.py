@@ -1,16 +1,11 @@
-"""A session without stages in a process of its own: holds its run directory and memory until a line
-comes on stdin.
-"""
+"""A session without stages, in a process of its own until a line comes on stdin."""
 
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-
-from lfpipe.host.segment import SHM_DIR
 
 ROOT = Path(__file__).parents[2]
 
@@ -23,7 +18,7 @@ class Holder:
 
     def __init__(self, base: Path, name: str, *prefix: str) -> None:
         command = [*prefix, sys.executable, "-m", "tests.supervisor.holder", name]
-        env = {**os.environ, "XDG_RUNTIME_DIR": os.fsdecode(base)}
+        env = {**os.environ, "LFPIPE_RUN_DIR": os.fsdecode(base)}
         self.process = subprocess.Popen(
             command,
             cwd=ROOT,
@@ -34,12 +29,11 @@ class Holder:
             text=True,
         )
 
-    def ready(self) -> list[str]:
-        """Waits until the session holds its memory; the names of its segments."""
+    def ready(self) -> None:
+        """Waits until the session holds its directory."""
         assert self.process.stdout is not None
         line = self.process.stdout.readline()
-        assert line.startswith("ready"), self.process.communicate(timeout=120)[1]
-        return line.split()[1:]
+        assert line == "ready\n", self.process.communicate(timeout=120)[1]
 
     def failed(self) -> str:
         """Waits for an end with exit code 2; what it said."""
@@ -59,28 +53,15 @@ class Holder:
 
 
 @contextmanager
-def holding(base: Path, name: str) -> Iterator[list[str]]:
-    """A session that lives as long as the block; the names of its segments."""
+def holding(base: Path, name: str) -> Iterator[None]:
+    """A session that lives as long as the block."""
     holder = Holder(base, name)
     try:
-        yield holder.ready()
+        holder.ready()
+        yield
         holder.end()
     finally:
         holder.kill()
-
-
-def gone(segments: list[str]) -> bool:
-    return not any((SHM_DIR / each).exists() for each in segments)
-
-
-def remove(path: Path) -> None:
-    shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
-
-
-def remove_lock(run_dir: Path) -> None:
-    """As something that cleans up does."""
-    for path in run_dir.glob("lock*"):
-        remove(path)
 
 
 def main() -> int:
@@ -91,7 +72,7 @@ def main() -> int:
     from lfpipe.transport.session import Session, SessionManifest
 
     try:
-        session = Session(sys.argv[1]).with_token()
+        session = Session(sys.argv[1])
         with rundir.filled(session):
             rundir.sweep()
             lock = rundir.acquire(session)
@@ -101,11 +82,7 @@ def main() -> int:
                     session, SessionState.first(config.Config(), config.SessionOptions())
                 )
                 SessionManifest.begin(session, {})
-            print(
-                "ready",
-                *(session.segment(part) for part in ("status", "frames", "eyes")),
-                flush=True,
-            )
+            print("ready", flush=True)
             sys.stdin.readline()
             memory.close()
         finally:

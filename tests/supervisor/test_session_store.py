@@ -9,7 +9,6 @@ import pytest
 from lfpipe import config
 from lfpipe.config import LiveSource, SceneSummary
 from lfpipe.config.modes import MouseViewer, NoViewer
-from lfpipe.host import segment
 from lfpipe.scene import cache
 from lfpipe.scene.pack import summarize
 from lfpipe.scene.packing import pack_scene
@@ -33,7 +32,7 @@ def test_the_pack_of_a_session_stays_while_no_stage_has_it_open(
     base: Path, name: str, tmp_path: Path, scenes: config.Scene
 ) -> None:
     first, second = (packed(tmp_path / f"scene{n}", n, scenes) for n in (2, 3))
-    session = Session(name).with_token()
+    session = Session(name)
     session.run_dir.mkdir(mode=0o700)
     store = SessionStore(session, made_state(scene=first))
     try:
@@ -45,6 +44,10 @@ def test_the_pack_of_a_session_stays_while_no_stage_has_it_open(
     finally:
         store.close()
     assert cache.remove(Path(second.pack))
+
+
+def test_a_leased_ring_has_a_name_of_its_own() -> None:
+    assert len({made_state().with_pictures(5).options.pictures for _ in range(20)}) == 20
 
 
 CAMERA = attrs.evolve(VIEWER, jpeg_px=None)
@@ -76,12 +79,11 @@ LIVE = LiveSource(source="row:a,b", rows=1, cols=2, tiles_across=2, frame_px=(64
 def test_a_ring_exists_from_its_first_use_by_a_writer(
     base: Path, name: str, options: dict[str, Any], rings: set[str]
 ) -> None:
-    session = Session(name).with_token()
+    session = Session(name)
     session.run_dir.mkdir(mode=0o700)
-    prefix = session.segment("")
 
     def made() -> set[str]:
-        return {one.removeprefix(prefix) for one in segment.owned(prefix)} - {"status"}
+        return {path.stem for path in session.run_dir.glob("*.ring")}
 
     store = SessionStore(session, made_state(**options))
     try:
@@ -95,4 +97,4 @@ def test_a_ring_exists_from_its_first_use_by_a_writer(
         assert before.epoch == 0, "who maps it has the same memory"
     finally:
         store.close()
-    assert not segment.owned(prefix)
+    assert not made()

@@ -213,7 +213,7 @@ def test_a_stage_that_cannot_be_started_is_tried_again_and_then_named(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """It ended the session with a traceback."""
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setenv("LFPIPE_RUN_DIR", str(tmp_path))
     t_ns = [10**12]
     monkeypatch.setattr(stage_process, "now_ns", lambda: t_ns[0])
     child = Mock(side_effect=OSError(errno.EAGAIN, "Resource temporarily unavailable"))

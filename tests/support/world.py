@@ -21,10 +21,9 @@ import psutil
 import pytest
 import zmq
 
-from lfpipe.host import segment
 from lfpipe.scene import demo
 from lfpipe.transport import control
-from lfpipe.transport.session import PREFIX
+from lfpipe.transport.session import PREFIX, base_dir
 from tests.support.processes import PATIENCE_S
 
 LARGE = (  # a camera whose frames keep a recorder busy
@@ -133,9 +132,7 @@ class World:
             shutil.copytree(self.packs, root / "cache")
         self.python = sys.executable
         self.module = "lfpipe"  # another one runs it with a part replaced
-        # a socket's path takes 107 characters, and a runner's folder for temporary files may use
-        # most of them
-        self.run_dir = Path(tempfile.mkdtemp(prefix="lfp", dir="/tmp"))
+        self.run_dir = Path(tempfile.mkdtemp(prefix="lfp", dir=base_dir()))
         clean = {
             key: value
             for key, value in os.environ.items()
@@ -149,7 +146,7 @@ class World:
             "XDG_VIDEOS_DIR": "videos",
         }
         own = {key: str(root / name) for key, name in names.items()} | {
-            "XDG_RUNTIME_DIR": str(self.run_dir)
+            "LFPIPE_RUN_DIR": str(self.run_dir)
         }
         own["PYTHONPATH"] = str(Path(__file__).parents[2])
         self.env = {**clean, **own}
@@ -298,7 +295,7 @@ class World:
     def entered(self) -> Iterator[None]:
         """This process finds the sessions of this world."""
         with pytest.MonkeyPatch.context() as patch:
-            patch.setenv("XDG_RUNTIME_DIR", str(self.run_dir))
+            patch.setenv("LFPIPE_RUN_DIR", str(self.run_dir))
             yield
 
     @contextmanager
@@ -336,19 +333,16 @@ class World:
         return self.ask(cmd="status")
 
     def left(self) -> list[str]:
-        """What lies in shared memory and the run directory that belongs to sessions of this
-        world.
-        """
-        return self.segments() + [str(p) for p in self.run_dir.rglob("*")]
+        """What the sessions of this world have left."""
+        return [str(path) for path in self.run_dir.rglob("*")]
 
     def segments(self, part: str = "") -> list[str]:
-        """Names of the segments of this world's sessions; of one kind of ring, where part
-        names it.
+        """Names of the shared memory of this world's sessions; of one kind, where part names
+        it.
         """
-        owned = (
-            name for name, owner in segment.owned().items() if owner.is_relative_to(self.run_dir)
-        )
-        return sorted(name for name in owned if f"-{part}" in name)
+        names = (path.name for path in self.run_dir.glob("*/*") if path.suffix == ".ring")
+        tables = (path.name for path in self.run_dir.glob("*/status"))
+        return sorted(name for name in (*names, *tables) if name.startswith(part))
 
     def end(self) -> None:
         """Kills what is left in this world, also what lost its parent or is stopped: its output
@@ -357,15 +351,11 @@ class World:
         for process in self.running:
             process.kill()
         for child in psutil.process_iter(["environ"]):
-            if (child.info["environ"] or {}).get("XDG_RUNTIME_DIR") == str(self.run_dir):
+            if (child.info["environ"] or {}).get("LFPIPE_RUN_DIR") == str(self.run_dir):
                 with suppress(psutil.NoSuchProcess):
                     child.kill()
         for process in self.running:
             written(process)
-        if self.left():
-            self.run("up", "--session", self.name, "nothing")  # sweeps what a killed one left
-        for name in self.segments():
-            segment.unlink(name)
         shutil.rmtree(self.run_dir, ignore_errors=True)
 
 

@@ -8,7 +8,6 @@ import pytest
 
 from lfpipe.config import Config, SessionOptions
 from lfpipe.config.modes import Live, Lossless
-from lfpipe.host.segment import SHM_DIR
 from lfpipe.host.wake import Wake
 from lfpipe.supervisor.process_table import SOURCE, consumers
 from lfpipe.supervisor.session_state import SessionState, SessionStore
@@ -21,8 +20,8 @@ from lfpipe.transport.status import State
 
 def opened(folder: Path, patch: pytest.MonkeyPatch) -> tuple[Session, SessionStore]:
     """A session with this runtime directory, and its memory."""
-    patch.setenv("XDG_RUNTIME_DIR", str(folder))
-    made = Session(f"c{secrets.token_hex(4)}").with_token()
+    patch.setenv("LFPIPE_RUN_DIR", str(folder))
+    made = Session(f"c{secrets.token_hex(4)}")
     made.run_dir.mkdir(mode=0o700)
     return made, SessionStore(made, SessionState.first(Config(), SessionOptions()))
 
@@ -44,7 +43,7 @@ def test_session_store_closed_does_not_hide_why(
             row["pid"] = 1 // 0
         finally:
             memory.close()
-    assert not list(SHM_DIR.glob(f"{made.segment('')}*"))
+    assert not [path for path in made.run_dir.iterdir() if path.is_file()]
 
 
 # mappings go with the process

@@ -2,10 +2,9 @@
 
 import contextlib
 import multiprocessing
-import os
-import shutil
-import time
+import secrets
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfpipe.errors import UserError
 from lfpipe.eyes import EYES
 from lfpipe.host import segment
 from lfpipe.transport import ring
@@ -23,48 +21,43 @@ from tests.support.world import until
 SPAWN = multiprocessing.get_context("spawn")
 
 
-@pytest.fixture
-def name() -> str:
-    return f"lfpipe-test-{os.getpid()}-{time.monotonic_ns()}"
-
-
 @contextlib.contextmanager
-def memory(spec: RingSpec) -> Iterator[str]:
-    """The name of a ring of its own."""
-    name = f"lfpipe-test-{os.getpid()}-{time.monotonic_ns()}"
-    shared = ring.create(name, spec)
-    yield name
+def memory(spec: RingSpec) -> Iterator[Path]:
+    """A ring of its own."""
+    path = segment.SHM_DIR / f"lfpipe-test-{secrets.token_hex(8)}.ring"
+    shared = ring.create(path, spec)
+    yield path
     shared.close()
     shared.unlink()
 
 
 @pytest.fixture
-def made() -> Iterator[str]:
-    with memory(RingSpec((96, 512), np.dtype("u1"), slots=4)) as name:
-        yield name
+def made() -> Iterator[Path]:
+    with memory(RingSpec((96, 512), np.dtype("u1"), slots=4)) as path:
+        yield path
 
 
 @contextlib.contextmanager
 def ends(spec: RingSpec) -> Iterator[tuple[Writer, Reader]]:
     """Both ends of a ring of its own."""
-    with memory(spec) as name:
-        writer = Writer(name)
-        reader = Reader(name)
+    with memory(spec) as path:
+        writer = Writer(path)
+        reader = Reader(path)
         yield writer, reader
         writer.close()
         reader.close()
 
 
-def write_for_ever(name: str) -> None:
-    writer = Writer(name)
+def write_for_ever(path: Path) -> None:
+    writer = Writer(path)
     while True:
         slot = writer.begin()
         slot[:] = (writer.published + 1) % 251
         writer.publish(writer.published, 0, 0)
 
 
-def stop_in_mid_slot(name: str, told: Any) -> None:
-    writer = Writer(name)
+def stop_in_mid_slot(path: Path, told: Any) -> None:
+    writer = Writer(path)
     writer.begin()[:] = 7
     writer.publish(1, 10, 20)
     writer.begin()[:48] = 99
@@ -72,7 +65,7 @@ def stop_in_mid_slot(name: str, told: Any) -> None:
     told.recv()  # until it is killed
 
 
-def test_read_100000_times_finds_nothing_torn(made: str) -> None:
+def test_read_100000_times_finds_nothing_torn(made: Path) -> None:
     """Reads are counted, not frames: where both processes share a core, most reads find none."""
     writer = SPAWN.Process(target=write_for_ever, args=(made,), daemon=True)
     writer.start()
@@ -99,7 +92,7 @@ def test_read_100000_times_finds_nothing_torn(made: str) -> None:
     reader.close()
 
 
-def test_writer_killed_in_mid_slot_harms_nobody(made: str) -> None:
+def test_writer_killed_in_mid_slot_harms_nobody(made: Path) -> None:
     ours, theirs = SPAWN.Pipe()
     reader = Reader(made)
     out = np.empty((96, 512), np.uint8)
@@ -206,21 +199,20 @@ def test_still_valid_until_the_writer_may_have_touched_a_slot(slots: int) -> Non
             writer.publish(0, 0, 0)
 
 
-def test_reader_refuses_what_is_no_ring(name: str) -> None:
+def test_reader_refuses_what_is_no_ring(tmp_path: Path) -> None:
+    path = tmp_path / "a.ring"
     for slots, dtype in (
         (2, np.dtype("u1")),
         (4, np.dtype([(f"a field with a long name {k}", "<f8") for k in range(200)])),
     ):
-        with pytest.raises(ValueError, match=name):
-            ring.create(name, RingSpec((4,), dtype, slots))
-    memory = segment.create(name, 8192)
+        with pytest.raises(ValueError, match="ring a"):
+            ring.create(path, RingSpec((4,), dtype, slots))
+    path.write_bytes(bytes(8192))
     with pytest.raises(ValueError, match="not a ring of this version"):
-        Reader(name)
-    memory.close()
-    memory.unlink()
+        Reader(path)
 
 
-def test_read_lapped_by_the_writer_takes_the_newest(made: str) -> None:
+def test_read_lapped_by_the_writer_takes_the_newest(made: Path) -> None:
     """The writer overtakes between the copy and the second look: the copy must be thrown away."""
     writer = Writer(made)
     reader = Reader(made)
@@ -250,7 +242,7 @@ def test_read_lapped_by_the_writer_takes_the_newest(made: str) -> None:
 
 
 def test_reader_cannot_write_nor_close_while_lent(
-    made: str,
+    made: Path,
 ) -> None:
     reader = Reader(made)
     with pytest.raises(ValueError, match="read-only"):
@@ -261,14 +253,6 @@ def test_reader_cannot_write_nor_close_while_lent(
     assert view[0, 0] == 0
     del view
     reader._memory.close()
-
-
-def test_segment_create_without_memory_leaves_nothing(name: str) -> None:
-    size = shutil.disk_usage(segment.SHM_DIR).total * 2
-    with pytest.raises(UserError, match=r"MB free of .* needs") as error:
-        segment.create(name, size)
-    assert segment.more_room(size).split(",")[0] in error.value.remedy
-    assert not (segment.SHM_DIR / name).exists()
 
 
 @given(

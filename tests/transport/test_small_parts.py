@@ -1,6 +1,5 @@
 """Clock, histogram, status, metrics, wake and control, each against its contract."""
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -11,7 +10,6 @@ import zmq
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.host import segment
 from lfpipe.host.segment import WrongSegment
 from lfpipe.supervisor.process_table import STAGES
 from lfpipe.transport import control, status
@@ -107,10 +105,10 @@ METRICS = MetricSet(
 )
 
 
-def test_status_row_is_seen_by_another_attachment() -> None:
-    name = f"lfpipe-test-{os.getpid()}-status"
-    memory = status.create(name, {"capture": NO_METRICS, "track": METRICS})
-    table = Table(name, writable=True)
+def test_status_row_is_seen_by_another_attachment(tmp_path: Path) -> None:
+    path = tmp_path / "status"
+    memory = status.create(path, {"capture": NO_METRICS, "track": METRICS})
+    table = Table(path, writable=True)
     row = Row(table.rows["track"], METRICS)
     row["faces"] += 3
     row["onset_ns"] = 61_200_000
@@ -122,7 +120,7 @@ def test_status_row_is_seen_by_another_attachment() -> None:
         row.record_latency(1000, 2_000_000, 3_000_000)
     del row
     table.close()
-    watch = Table(name)
+    watch = Table(path)
     seen = watch.rows["track"]
     assert (int(seen["seq"]), int(seen["source_seq"]), int(seen["busy_ns"])) == (
         100,
@@ -165,12 +163,13 @@ def test_metric_set_refuses_what_does_not_fit_a_row(metrics: list[Metric]) -> No
     assert [one.name for one in full] == [metrics[0].name]
 
 
-def test_status_table_refuses_what_does_not_fit() -> None:
+def test_status_table_refuses_what_does_not_fit(tmp_path: Path) -> None:
     wide = MetricSet(*(Metric(f"m{at}", Kind.COUNT, "x" * 1000) for at in range(MAX_VALUES)))
     with pytest.raises(ValueError, match="do not fit"):
-        status.create("lfp-test", {"capture": wide})
+        status.create(tmp_path / "x", {"capture": wide})
     with pytest.raises(ValueError, match="do not fit"):
-        status.create("lfp-test", dict.fromkeys(map(str, range(status.PAGE_ROWS + 1)), NO_METRICS))
+        many = dict.fromkeys(map(str, range(status.PAGE_ROWS + 1)), NO_METRICS)
+        status.create(tmp_path / "x", many)
 
 
 SIGNED = status.MAGIC + status.LAYOUT.to_bytes(8, "little")
@@ -189,21 +188,17 @@ SIGNED = status.MAGIC + status.LAYOUT.to_bytes(8, "little")
         SIGNED + b"\x02" + bytes(7) + bytes(48) + b"[]" + bytes(status.SIZE_BYTES),
     ],
 )
-def test_status_table_refuses_another_version(data: bytes) -> None:
+def test_status_table_refuses_another_version(tmp_path: Path, data: bytes) -> None:
     """Another ring, one made just now, one of another version, one of other fields, anything else,
     one that is cut short, and one without declarations.
     """
-    name = f"lfp-test-{os.getpid()}"
-    memory = segment.create(name, max(len(data), 64))
-    memory.buf[: len(data)] = data
-    try:
-        with pytest.raises(WrongSegment) as error:
-            Table(name)
-        named = "of this version" if data.startswith(SIGNED) else repr(data[:8])[2:-1]
-        assert name in error.value.message and named in error.value.message and error.value.remedy
-    finally:
-        memory.close()
-        memory.unlink()
+    path = tmp_path / "status"
+    path.write_bytes(data.ljust(64, b"\0"))
+    with pytest.raises(WrongSegment) as error:
+        Table(path)
+    named = "of this version" if data.startswith(SIGNED) else repr(data[:8])[2:-1]
+    assert str(path) in error.value.message and named in error.value.message
+    assert error.value.remedy
 
 
 def test_rate_hz_is_that_of_the_newest() -> None:
@@ -296,14 +291,14 @@ def test_report_health_keeps_the_time_of_the_first_fault() -> None:
     assert not row.record["fault"].item() and row["outputs_ok"] == 1, "nobody there proves nothing"
 
 
-def test_status_table_has_room_for_the_stages_of_other_packages() -> None:
+def test_status_table_has_room_for_the_stages_of_other_packages(tmp_path: Path) -> None:
     """Two beside `share` were too many."""
-    name = f"lfp-test-{os.getpid()}-room"
+    path = tmp_path / "status"
     stages = {stage.name: stage.metrics for stage in STAGES} | dict.fromkeys(
         map(str, range(8)), NO_METRICS
     )
-    memory = status.create(name, stages)
-    table = status.Table(name)
+    memory = status.create(path, stages)
+    table = status.Table(path)
     assert set(table.rows) == set(stages)
     table.close()
     memory.unlink()

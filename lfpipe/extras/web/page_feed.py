@@ -168,12 +168,12 @@ class Pictures:
                 ask(self.session.name, {"cmd": "pictures", "lease_s": LEASE_S}, COMMAND_S)["ring"]
             )
             self._lease_end_ns = now_ns() + int(LEASE_S * SECOND_NS)
-        name = self.session.segment("frames" if which == "camera" else self._lent)
+        path = self.session.segment("frames" if which == "camera" else self._lent)
         reader = self._readers.get(which)
-        if reader is None or reader.name != name:
+        if reader is None or not reader.is_at(path):
             if reader is not None:
                 self._readers.pop(which).close()
-            reader = self._readers[which] = ring.Reader(name)
+            reader = self._readers[which] = ring.Reader(path)
             reader.last_seq = max(0, reader.published - 1)  # the current picture counts as new
             self._events[which] = b""
         return reader

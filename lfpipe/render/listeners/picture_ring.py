@@ -2,6 +2,7 @@
 
 import contextlib
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ class PictureRing(Listener):
     and no copy.
     """
 
-    def __init__(self, segment: Callable[[str], str]) -> None:
+    def __init__(self, segment: Callable[[str], Path]) -> None:
         """segment: the shared memory of a ring."""
         self._segment = segment
         self._name = ""

@@ -4,7 +4,6 @@ XDF's words for gaze.
 
 import math
 import os
-import pickle
 import socket
 import struct
 import time
@@ -23,7 +22,7 @@ from lfpipe.extras.share.target import Target
 from lfpipe.eyes import SHOWN
 from lfpipe.track.head import Head
 from lfpipe.transport.clock import now_ns
-from lfpipe.transport.session import Session
+from lfpipe.transport.session import Session, SessionManifest
 from tests.extras.share.receivers import lsl_environment
 from tests.track.test_head import rotation
 
@@ -127,15 +126,21 @@ def lsl(tmp_path: Path) -> Any:
     outlet.close()
 
 
-def test_the_identity_of_a_stream_is_that_of_one_run_of_a_session() -> None:
+def test_the_identity_of_a_stream_is_that_of_one_run_of_a_session(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A receiver goes on with a stream of the same identity: not with that of another user."""
     from lfpipe.extras.share.output import source_id
 
-    mine, theirs = (Session("default").with_token() for _ in range(2))
-    again = pickle.loads(pickle.dumps(mine))  # what a restarted stage receives
-    assert source_id(mine.run, "eyes") == source_id(again.run, "eyes")
-    assert source_id(mine.run, "eyes") != source_id(theirs.run, "eyes")
-    assert mine.token not in mine.run
+    runs = []
+    session = Session("default")
+    for folder in (tmp_path / "mine", tmp_path / "theirs"):
+        monkeypatch.setenv("LFPIPE_RUN_DIR", str(folder))
+        session.run_dir.mkdir(parents=True)
+        SessionManifest.begin(session, {})
+        assert session.run == session.run, "also of a restarted stage"
+        runs.append(source_id(session.run, "eyes"))
+    assert runs[0] != runs[1]
 
 
 def test_lsl_describes_its_channels_as_xdf_recommends(lsl: Any) -> None:

@@ -23,7 +23,6 @@ from tornado.web import Application
 from lfpipe.extras.web.server import MAX_STRANGERS, MAX_STREAMS
 from lfpipe.extras.web.server import Server as PageServer
 from lfpipe.host.limits import allow_files
-from lfpipe.host.segment import PREFIX
 from tests.extras.web.server import Server, served
 from tests.supervisor.states import messages, values
 from tests.support.world import World, until
@@ -230,8 +229,8 @@ def test_page_without_viewers_lets_go_of_the_session(
     with served(live) as server:
         maps = Path(f"/proc/{server.pid}/maps")
         for _ in itertools.islice(server.events(), 6):
-            assert f"/{PREFIX}" in maps.read_text()
-        until(lambda: f"/{PREFIX}" not in maps.read_text(), "end of the attachment")
+            assert str(live.session_dir) in maps.read_text()
+        until(lambda: str(live.session_dir) not in maps.read_text(), "end of the attachment")
         connection, viewer = server.viewer()
         assert viewer.readline().startswith(b"data: ")
     connection.close()
