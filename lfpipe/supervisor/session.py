@@ -59,7 +59,6 @@ LOGGED_TOPICS = ("parallax",)  # it changes with the viewer's distance
 # of telemetry: more lines than a person reads, also when every stage has restarted at once
 MAX_LINES, LINES_NS = 20, SECOND_NS
 MAX_LINE = 2000  # characters; a line of ours has some hundred
-CLEANED = "find the program that cleans that folder, and exclude lfpipe-*"
 REDUCED = "CPU overloaded: picture quality reduced (`lfpipe monitor` shows how and why)"
 RECORDER_ENDED = "the recorder stopped early and nothing else was running"
 INTERNAL = {
@@ -371,17 +370,12 @@ class LiveSession:
         """Ends a session whose lock or shared memory was removed: without the lock, it no longer
         receives commands, and the next session of that name cannot detect it.
         """
-        if not lock.in_place():
+        removed = self._store.removed() if lock.in_place() else self._session.run_dir
+        if removed:
             self._fail(
-                "its directory was removed",
-                f"{self._session.run_dir} was removed while the session ran",
-                CLEANED,
-            )
-        if removed := self._store.removed():
-            self._fail(
-                "its shared memory was removed",
+                "its files were removed",
                 f"{removed} was removed while the session ran",
-                CLEANED,
+                "find the program that cleans that folder, and exclude lfpipe-*",
             )
 
     def _check_limits(self, duration_s: float | None, signals: Sequence[int]) -> None:

@@ -13,6 +13,7 @@ import attrs
 
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import write_file
+from lfpipe.host.files import is_dir
 from lfpipe.host.segment import SHM_DIR
 from lfpipe.transport.clock import now_ns
 
@@ -27,7 +28,7 @@ def base_dir() -> Path:
     path.
     """
     # short: the path of a socket has at most 107 bytes, on macOS 103
-    usual = SHM_DIR if SHM_DIR.is_dir() else os.environ.get("XDG_RUNTIME_DIR") or "/tmp"
+    usual = SHM_DIR if is_dir(SHM_DIR) else os.environ.get("XDG_RUNTIME_DIR") or "/tmp"
     text = os.environ.get("LFPIPE_RUN_DIR") or str(usual)
     remedy = "set it to a directory of your own, or unset it"
     if not Path(text).is_absolute():
