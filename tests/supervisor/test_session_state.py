@@ -27,6 +27,7 @@ CHANGES: dict[str, Change] = {
     "record": lambda state: state.changed(record="/out"),
     "stop": lambda state: state.changed(record=""),
     "pictures": lambda state: state.with_pictures(10),
+    "shorter": lambda state: state.with_pictures(5),
     "drop": lambda state: state.without_pictures() if state.options.pictures else state,
     "settle": SessionState.settled,
     "roll": SessionState.rolled_back,
@@ -53,6 +54,8 @@ def test_session_state_rings_levels_and_revisions_agree(steps: list[str]) -> Non
         for name in rings.keys() - before.rings().keys():
             assert name not in names, "a reader of an old ring never maps a new one under its name"
             names.add(name)
+        if before.options.pictures == state.options.pictures != "":
+            assert state.pictures_until_ns >= before.pictures_until_ns, "a lease never shortens"
         assert state.level in state.levels
         assert (
             converter().structure(converter().unstructure(state.options), SessionOptions)
@@ -100,30 +103,6 @@ def test_loaded_takes_invert_depth_from_the_scene() -> None:
     )
 
 
-def test_with_pictures_renewed_changes_nothing_for_stages() -> None:
-    state = made_state().with_pictures(10)
-    longer = state.with_pictures(20)
-    assert (
-        longer.rev == state.rev
-        and longer.pictures_until_ns == 20
-        and longer.options == state.options
-    )
-    assert longer.with_pictures(5).pictures_until_ns == 20, (
-        "another client's shorter lease takes nothing away"
-    )
-    other = longer.loaded(OTHER)
-    assert other.options.pictures == state.options.pictures, (
-        "the old ring stays until somebody asks again"
-    )
-    leased = other.with_pictures(30)
-    assert leased.options.pictures != state.options.pictures
-    assert leased.rings()[leased.options.pictures].shape == (
-        96,
-        64,
-        3,
-    )
-
-
 def test_config_rollback_settles_what_stages_have_worked_by() -> None:
     rollback = Trial()
     state = made_state().changed(LOWER)
@@ -147,17 +126,6 @@ def test_config_rollback_blames_a_change_that_fails_at_once() -> None:
         "a kill says nothing against a change that was applied"
     )
     assert not rollback.to_blame(state, 0, True)
-
-
-def test_session_state_begins_and_lends_pictures() -> None:
-    state = made_state()
-    assert (state.paused, state.rev, state.pictures_until_ns) == (False, 1, 0)
-    assert state.pictures_px == (0, 0) and not state.rings() and not state.zero_planes_px
-    lent = state.with_pictures(10)
-    assert lent.options.pictures.startswith("pictures.")
-    assert (lent.pictures_until_ns, lent.pictures_px) == (10, (SCENE.height_px, SCENE.width_px))
-    assert lent.without_pictures().pictures_until_ns == 0
-    assert state.changed(paused=True).changed(LOWER).paused
 
 
 def test_with_level_is_full_again_where_the_levels_change() -> None:
