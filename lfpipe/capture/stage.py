@@ -304,7 +304,7 @@ def main(context: Context) -> None:
     """Runs the stage until it is stopped or the source ends."""
     camera = camera_settings(context.config)
     source = context.options.viewer.source
-    if context.spec.request:  # a viewer that is exchanged while the session runs
+    if context.spec.request:  # another viewer, while the session runs
         with context.setting_up("opening the source"):
             found = check_source(source, camera)
         if isinstance(found, RecordedEyes):

@@ -110,7 +110,7 @@ def _not_recognised(listing: Listing) -> UserError:
 
 
 def _unused(listing: Listing, source: SceneSource) -> list[str]:
-    """Notes of what a folder, and the pictures of a scene, hold besides what is shown."""
+    """Notes of what a folder, and the pictures of a scene, hold in addition."""
     headers = {path.name: open_header(path) for path in source.files if is_picture(path)}
     notes = []
     if source.layout == "picture" and not listing.is_file and len(listing.names) > 1:
