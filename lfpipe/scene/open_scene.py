@@ -44,6 +44,8 @@ class PackerRequest:
     # pack: "module:function" that scores the methods on a LightField, -> {method: PSNR in dB}; this
     # package must not import the rendering packages. "": the method is chosen without scores
     scorer: str = ""
+    # pack: whether a session shows the views while their disparity is measured, and needs the cores
+    shown: bool = True
 
 
 class Packing(Worker):
@@ -117,7 +119,7 @@ def pack_until_shown(
     progress: called from this thread. complete: wait for the disparity, for pictures that are
     saved. Raises UserError.
     """
-    packing = Packing(request, progress)
+    packing = Packing(attrs.evolve(request, shown=not complete), progress)
     try:
         packing.wait(lambda: packing.views is not None and not complete)
         summary = (

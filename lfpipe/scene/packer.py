@@ -82,8 +82,9 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
         report(step=what, done=done, total=total)
 
     def views_ready(pack: Path) -> None:
-        with contextlib.suppress(OSError):
-            os.nice(15)  # from now on, the session shows the pack at the same time
+        if asked.shown:
+            with contextlib.suppress(OSError):
+                os.nice(15)
         report(summary=attrs.asdict(summarize(open_pack(pack, settings.invert_depth))))
 
     if asked.do == "previews":

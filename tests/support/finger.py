@@ -3,6 +3,7 @@
 import functools
 
 import attrs
+from pygame import surfarray
 
 from lfpipe.render.display.overlay import Event
 from lfpipe.render.display.window import letters_px
@@ -57,8 +58,9 @@ class Finger:
         self.touch(self.bar(recording, paused), event)
 
     def dark(self, panel: ItemPanel) -> bool:
-        """Whether the panel lies over the picture, which the bar and panels darken."""
+        """Whether the panel lies over the picture: most of its white pixels are on the screen."""
         left, top = self.place[0] + panel.at[0], self.place[1] + panel.at[1]
-        rows, cols = panel.surface.get_height(), panel.surface.get_width()
+        white = (surfarray.array3d(panel.surface) == 255).all(axis=-1).T
+        rows, cols = white.shape
         shown = self.screen.picture()[top : top + rows, left : left + cols]
-        return bool((shown == 255).all(axis=-1).any())
+        return bool((shown == 255).all(axis=-1)[white].mean() > 0.7)

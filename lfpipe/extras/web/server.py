@@ -442,16 +442,17 @@ def serve(name: str, address: str, tell: Callable[[str], None]) -> None:
     handlers = [(f"(?:{site.path}|/){path}", handler) for path, handler in routes]
     app = Application(handlers, default_handler_class=Unknown, site=site, files=files)
     cv2.setNumThreads(1)  # the session's stages need the cores
-    tell(f"session {name!r} on {url}/?token={site.token} (Ctrl-C ends)")
-    tell(f"view-only, without the camera's picture: {watch_url}")
-    if sys.stdout.isatty():
-        for line in drawn(code) if code else (FOR_OTHERS,):
-            tell(line)
 
     async def serving() -> None:
         server = Server(app)
         server.add_sockets(sockets)
         try:
+            # not before Ctrl-C ends this coroutine
+            tell(f"session {name!r} on {url}/?token={site.token} (Ctrl-C ends)")
+            tell(f"view-only, without the camera's picture: {watch_url}")
+            if sys.stdout.isatty():
+                for line in drawn(code) if code else (FOR_OTHERS,):
+                    tell(line)
             await asyncio.Event().wait()
         finally:
             server.stop()
