@@ -2,7 +2,6 @@
 it belongs.
 """
 
-import re
 from pathlib import Path
 from typing import Any
 
@@ -290,9 +289,3 @@ def test_light_field_video_from_pictures_and_from_a_file(tmp_path: Path) -> None
         assert (source.frames, source.rows, source.cols, source.frame_rate_hz) == (2, 3, 4, rate_hz)
         for frame in (1, 0, 1):  # backwards too
             assert np.abs(source.read(frame, 0, 3).astype(int) - grids[frame][0, 3]).mean() < 2
-
-
-def test_every_layout_has_a_row_in_the_docs() -> None:
-    text = (Path(__file__).parents[2] / "docs" / "layouts.md").read_text()
-    rows = set(re.findall(r"^\| `([\w-]+)` \|", text, re.MULTILINE))
-    assert rows == {name for name in layouts.layouts() if name != "demo"}
