@@ -1,4 +1,4 @@
-"""Starts child processes, and decides when a silent one hangs.
+"""Starts child processes.
 
 Parent: `Child(python("MODULE"), b"...")` holds the child's standard input open. Child: reads its
 first line and calls `end_with_parent`, which ends the child when that pipe ends.
@@ -17,11 +17,9 @@ import weakref
 from collections.abc import Mapping, Sequence
 from typing import IO
 
-import attrs
-
 PIPE, NULL = subprocess.PIPE, subprocess.DEVNULL
-# of the time: more than polling takes, less than its share among dozens of busy programs
-COMPUTING_SHARE = 0.03
+# multiple of the time limits of children: on an emulator, one face search takes seconds
+PATIENCE = float(os.environ.get("LFPIPE_PATIENCE", "1"))
 
 
 def python(module: str, *words: str) -> list[str]:
@@ -135,27 +133,6 @@ def _wait_for_parent(signs: list[int]) -> None:
     while select.select(signs, [], [])[0] == [0] and os.read(0, 4096):
         pass
     os.kill(os.getpid(), signal.SIGTERM)
-
-
-def is_computing(cpu_s: float, span_s: float) -> bool:
-    """Whether a process that used the CPU for cpu_s within span_s works."""
-    return cpu_s > COMPUTING_SHARE * span_s
-
-
-@attrs.frozen(kw_only=True)
-class Patience:
-    """How long a process may be silent before it counts as hung."""
-
-    limit_s: float
-    """At any rate."""
-    cpu_s: float = 0.0
-    """While it computes, in time on a CPU: emulated or beside busy programs it is slow."""
-
-    def exceeded(self, silent_s: float, cpu_s: float, computes: bool) -> bool:
-        """Whether the process hangs. silent_s, cpu_s: time, and time on a CPU, since its last sign
-        of life.
-        """
-        return silent_s > self.limit_s and (not computes or cpu_s > self.cpu_s)
 
 
 if __name__ == "__main__":

@@ -113,12 +113,6 @@ def _ask(pid: int, question: str) -> Any:
         return None
 
 
-def cpu_ns(pid: int) -> int:
-    """User and system time of a process so far; 0 if it is gone."""
-    times = _ask(pid, "cpu_times")
-    return int((times.user + times.system) * 1e9) if times else 0
-
-
 def is_stopped(pid: int) -> bool:
     """Whether a signal has stopped a process: it waits for nothing."""
     return bool(_ask(pid, "status") == "stopped")

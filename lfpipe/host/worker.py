@@ -7,7 +7,6 @@ the file that it opens, for messages. The parent never waits longer than it want
 the output, and survives whatever the child does.
 """
 
-import contextlib
 import json
 import os
 import signal
@@ -16,20 +15,19 @@ import threading
 import time
 from collections.abc import Callable
 from multiprocessing import connection
-from pathlib import Path
 from typing import Any
 
 from lfpipe.errors import UserError
 from lfpipe.host import signals
-from lfpipe.host.child import PIPE, Child, Patience, end_with_parent, is_computing, python
+from lfpipe.host.child import PATIENCE, PIPE, Child, end_with_parent, python
 from lfpipe.host.limits import MemoryLimit
-from lfpipe.host.processes import cpu_ns
 
 MAX_LINE_BYTES = 1 << 20  # of the child's output; a longer line is not one of ours
 MAX_LOG_BYTES = 2000  # the end of what the child wrote to stderr
 # how a process ends when a library in it crashes
 CRASHES = (signal.SIGSEGV, signal.SIGBUS, signal.SIGABRT, signal.SIGFPE, signal.SIGILL)
 DAMAGED = "it is damaged, it seems: download it again, or convert it with another program"
+SLOW = "check its disk or network drive; if it lies on neither, it is damaged, it seems"
 SMALLER = "use smaller or fewer pictures, or convert them with another program"
 LAST_OUTPUT_S = 0.5  # how long what a child wrote before its end may take to arrive
 
@@ -42,9 +40,9 @@ class Worker:
     """The parent's side of a running child.
 
     module: run as `python -m`. subject: what the request is about, for messages. limit_s: time
-    without a step, of its own CPU time while it computes: a busy or emulated machine takes longer.
-    stderr: None for that of this process. fds: for a poller; call `read` when they are readable.
-    on_step: called with every step. last: the newest. Raises UserError if no child can be started.
+    without a step, times PATIENCE. stderr: None for that of this process. fds: for a poller; call
+    `read` when they are readable. on_step: called with every step. last: the newest. Raises
+    UserError if no child can be started.
     """
 
     def __init__(
@@ -56,7 +54,7 @@ class Worker:
         stderr: int | None = PIPE,
     ) -> None:
         self.subject = subject
-        self._patience = Patience(limit_s=limit_s, cpu_s=limit_s)
+        self._limit_s = limit_s * PATIENCE
         self._verdict: dict[str, Any] | None = None
         self.last: dict[str, Any] = {}
         line = json.dumps(request).encode()
@@ -65,26 +63,12 @@ class Worker:
         self._open = self._process.pipes()  # those that have not ended
         self._stdout = self._open[0]
         self._rest = self._log = b""  # of the last line, of what it wrote to stderr
-        self._step_s = self._look_s = time.monotonic()
-        self._step_cpu_ns = self._look_cpu_ns = 0
-        self._computes = True
+        self._step_s = time.monotonic()
         self._reading = ""  # the file that it opened last
 
     def on_step(self, step: dict[str, Any]) -> None:
         """Keeps a step of the child, not checked. Subclasses keep what they need of it."""
         self.last = step
-
-    def _is_stuck(self) -> bool:
-        now_s = time.monotonic()
-        # whether it computes, by its last quarter of the limit
-        if now_s - self._look_s > self._patience.limit_s / 4:
-            used_ns = cpu_ns(self._process.pid)
-            span_s = now_s - self._look_s
-            self._computes = is_computing((used_ns - self._look_cpu_ns) / 1e9, span_s)
-            self._look_s = now_s
-            self._look_cpu_ns = used_ns
-        cpu_s = (self._look_cpu_ns - self._step_cpu_ns) / 1e9
-        return self._patience.exceeded(now_s - self._step_s, cpu_s, self._computes)
 
     @property
     def fds(self) -> list[int]:
@@ -94,7 +78,7 @@ class Worker:
     @property
     def done(self) -> bool:
         """Whether the child has ended and its output is read, or it has exceeded its time."""
-        return self._exit_code() is not None or self._is_stuck()
+        return self._exit_code() is not None or time.monotonic() - self._step_s > self._limit_s
 
     def _exit_code(self) -> int | None:
         """The child's exit code, after its last output is read; None while it runs."""
@@ -135,7 +119,6 @@ class Worker:
             self._reading = str(step["reading"])
             return
         self._step_s = time.monotonic()
-        self._step_cpu_ns = cpu_ns(self._process.pid)
         if "ok" in step:
             self._verdict = step
         else:
@@ -156,11 +139,11 @@ class Worker:
         Raises UserError if it refused, failed or took too long.
         """
         ended = self._exit_code()
-        file = self._open_file() if ended is None else self._reading or self.subject
+        file = self._reading or self.subject
         self.close()
         verdict = self._verdict or {}
         if ended is None:
-            raise self._too_slow(file)
+            raise UserError(f"{file}: no progress within {self._limit_s:g} s", SLOW)
         if verdict.get("ok") is True and isinstance(verdict.get("result"), dict):
             return dict(verdict["result"])
         if verdict.get("ok") is False and isinstance(verdict.get("error"), str):
@@ -171,23 +154,6 @@ class Worker:
             f": {log.splitlines()[-1]}" if log else ""
         )
         raise UserError(why, DAMAGED if ended > 0 or -ended in CRASHES else SMALLER)
-
-    def _too_slow(self, file: str) -> UserError:
-        limit_s = self._patience.limit_s
-        if self._computes:
-            return UserError(f"{file}: no progress within {limit_s:g} s of CPU time", DAMAGED)
-        return UserError(
-            f"{file}: no progress within {limit_s:g} s", "check its disk or network drive"
-        )
-
-    def _open_file(self) -> str:
-        """The file of the subject that the child has open; else the last that it opened."""
-        within = os.path.realpath(self.subject)
-        with contextlib.suppress(OSError):  # without /proc
-            for link in Path(f"/proc/{self._process.pid}/fd").iterdir():
-                if (path := os.path.realpath(link)).startswith(within):
-                    return path
-        return self._reading or self.subject
 
     def close(self) -> None:
         """Kills the child."""

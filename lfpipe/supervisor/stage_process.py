@@ -1,7 +1,6 @@
 """The processes of the stages: start, heartbeat check, restart, and shutdown in two passes."""
 
 import logging
-import os
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterator
@@ -13,7 +12,7 @@ from lfpipe.config import SessionOptions
 from lfpipe.config.modes import Lossless
 from lfpipe.errors import UserError
 from lfpipe.host import signals
-from lfpipe.host.child import Child, python
+from lfpipe.host.child import PATIENCE, Child, python
 from lfpipe.host.files import exists
 from lfpipe.host.processes import is_stopped
 from lfpipe.supervisor import child
@@ -31,8 +30,6 @@ HANG_S = 5.0  # without a heartbeat: beside busy programs, a stage may wait for 
 # likewise: time for a disk to spin up, for a network to return, or for a display server that other
 # programs overload
 BUSY_S = 60.0
-# multiple of these limits on an emulator, where one face search takes seconds
-PATIENCE = float(os.environ.get("LFPIPE_PATIENCE", "1"))
 # after such a gap between checks, the supervisor was stopped or starved, probably like the stages
 ASLEEP_S = 1.0
 DRAIN_NS = 2 * SECOND_NS  # time for the stages to finish their work after the source has ended

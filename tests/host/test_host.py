@@ -204,25 +204,13 @@ OPENS = """import os, time; print('{"reading": "/some/file/a.h5"}', flush=True)
         ("os.kill(os.getpid(), 11)", r"(?s)a\.h5: .*signal 11.*damaged"),
         ("[].pop()", r"(?s)a\.h5: .*exit code 1: IndexError.*damaged"),
         ("os.kill(os.getpid(), 9)", r"(?s)a\.h5: .*signal 9.*smaller"),
-        ("while True: pass", r"(?s)a\.h5: no progress within 1 s of CPU time.*damaged"),
-        ("time.sleep(99)", r"(?s)a\.h5: no progress within 1 s\b.*disk"),
+        ("time.sleep(99)", r"(?s)a\.h5: no progress within 1 s\b.*disk.*damaged"),
     ],
 )
 def test_the_file_whose_reader_fails_is_named_with_a_remedy_for_that(
     child: Start, ends: str, said: str
 ) -> None:
     assert re.search(said, str(refusal(child(OPENS + ends, limit_s=1.0).result)))
-
-
-def test_the_file_that_is_open_is_named_not_the_last_one_opened(
-    child: Start, tmp_path: Path
-) -> None:
-    slow = tmp_path / "slow.png"
-    slow.touch()
-    program = f"file = open({str(slow)!r})\n" + OPENS + "while True: pass"
-    running = child(program, limit_s=1.0)
-    running.subject = str(tmp_path)
-    assert f"{slow}: no progress" in str(refusal(running.result))
 
 
 @pytest.mark.parametrize(
