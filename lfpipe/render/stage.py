@@ -7,7 +7,7 @@ Writes: the display of option "display"; the trace of option "trace"; the last p
 ring "viewpoints".
 Commands: recentre, trace, record, loading (progress), stop; settings and another scene by
 configuration, a lowered quality by option "level".
-Asks: set, keep, costs, recentre, load, previews, pause, resume, record, stop (events of the
+Asks: set, keep, costs, recentre, load, pause, resume, record, stop (events of the
 window).
 Emits: parallax (alpha and its reasons), viewer (nobody, arriving, seated, lost, exchanged), notice
 (an output was lost).
@@ -468,8 +468,6 @@ class RenderStage:
                 self._check_trace(message)
             elif word == "loading":
                 self._ui.scenes.report(message)
-            elif word == "preview":
-                self._ui.scene_page.add(message)
         for answer in context.answers():
             self._ui.handle(answer)
 

@@ -33,8 +33,7 @@ def _plain(paths: Sequence[ScenePath]) -> tuple[str, ...]:
 class PackerRequest:
     """A request for the packer."""
 
-    # pack the first scene, analyse it, or make previews of all
-    do: Literal["pack", "info", "previews"] = "pack"
+    do: Literal["pack", "info"] = "pack"  # or analyse it
     scenes: tuple[str, ...] = attrs.field(converter=_plain)
     settings: config.Scene
     # pack: whether to replace folders of light fields by their content

@@ -9,11 +9,9 @@ object:
     {"summary": {...}}                          the pack can be shown, still without disparity
     {"log": "..."}                              a decision and its reason
 
-Result: the summary of the pack; the `Manifest` of the scene; or nothing after previews, which are
-steps {"preview": path, "data": base 64, "" for none}.
+Result: the summary of the pack, or the `Manifest` of the scene.
 """
 
-import base64
 import contextlib
 import importlib
 import logging
@@ -23,20 +21,15 @@ from pathlib import Path
 from typing import Any
 
 import attrs
-import cv2
-import numpy as np
-from numpy.typing import NDArray
 
 from lfpipe.config import Scene, converter
 from lfpipe.errors import UserError
-from lfpipe.files.decoding import fit_area
 from lfpipe.files.safe_files import watch_files
 from lfpipe.host.files import is_dir
 from lfpipe.host.worker import Report, serve
 from lfpipe.scene import layouts
 from lfpipe.scene.analysis import analyse_scene
 from lfpipe.scene.cache import cache_dir, packed
-from lfpipe.scene.demo import named_scene
 from lfpipe.scene.info import scene_manifest
 from lfpipe.scene.lightfield import MethodScores
 from lfpipe.scene.open_scene import PackerRequest
@@ -45,14 +38,6 @@ from lfpipe.scene.packing import Score, pack_scene
 from lfpipe.scene.recent_scenes import remember_scene
 from lfpipe.scene.source import SceneSource
 
-PREVIEW_PX = (320, 240)  # at most
-PREVIEW_BYTES = 45_000  # fits into a control message
-# the first that fits is used: lossless, for photographs, and for noise
-PREVIEW_FORMATS: tuple[tuple[str, tuple[int, ...]], ...] = (
-    (".png", ()),
-    (".jpg", (cv2.IMWRITE_JPEG_QUALITY, 85)),
-    (".jpg", (cv2.IMWRITE_JPEG_QUALITY, 25)),
-)
 MEMORY_BYTES = 1 << 30  # mapped files do not count
 
 
@@ -87,10 +72,6 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
                 os.nice(15)
         report(summary=attrs.asdict(summarize(open_pack(pack, settings.invert_depth))))
 
-    if asked.do == "previews":
-        for path in paths:
-            report(preview=str(path), data=_preview(path, settings))
-        return {}
     if asked.do == "info":
         return attrs.asdict(scene_manifest(analyse_scene(paths[0], settings)))
     if asked.expand:
@@ -149,34 +130,6 @@ def _light_field_at(path: Path, settings: Scene) -> SceneSource | None:
     with contextlib.suppress(UserError):
         return layouts.describe(path, settings)
     return None
-
-
-def _preview(path: Path, settings: Scene) -> str:
-    """The middle view of a scene, at most PREVIEW_PX, as PNG or JPEG in base 64; "" if there is
-    none.
-    """
-    try:
-        view = _middle_view(path, settings)
-    except UserError:
-        return ""
-    _, _, width, height = fit_area((view.shape[1], view.shape[0]), PREVIEW_PX)
-    small = cv2.resize(view, (width, height), interpolation=cv2.INTER_AREA)
-    bgr = np.rint(255 * np.clip(small, 0, 1)).astype(np.uint8)[..., ::-1]
-    for suffix, options in PREVIEW_FORMATS:
-        data = cv2.imencode(suffix, bgr, options)[1].tobytes()
-        if len(data) <= PREVIEW_BYTES:
-            break
-    return base64.b64encode(data).decode()
-
-
-def _middle_view(path: Path, settings: Scene) -> NDArray[np.floating[Any]]:
-    """A scene's middle view, RGB, 0 to 1: from its pack, or else from its pictures."""
-    if (field := packed(path, settings)) is not None:
-        planes = field.views[0, field.rows // 2, field.cols // 2]
-        return np.repeat(np.moveaxis(planes, 0, -1), 3 // len(planes), axis=2) / 255
-    source = layouts.describe(named_scene(path, cache_dir(settings)), settings)
-    view = source.read(source.telling, *source.middle) / source.max_value
-    return np.asarray(np.clip(view, 0, 1) ** (1 / 2.2 if source.linear else 1.0))
 
 
 if __name__ == "__main__":

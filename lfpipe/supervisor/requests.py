@@ -60,8 +60,6 @@ class Reply:
     """To store; a new revision goes to the stages."""
     load: PackerRequest | None = None
     """The real reply comes from `on_load`."""
-    previews: tuple[str, ...] | None = None
-    """Scenes to read for the page of scenes."""
     executed_by: tuple[str, ...] = ()
     """The stages that execute the command, and then answer; those that start with `state`, as soon
     as they work."""
@@ -146,16 +144,6 @@ def _load(state: SessionState, message: Message, _t_ns: int) -> Reply:
             scenes=[scene], settings=settings, expand=at is None, remember=True, scorer=SCORER
         )
     )
-
-
-def _previews(state: SessionState, message: Message, _t_ns: int) -> Reply:
-    """Reads small pictures of scenes of the playlist for the stage that shows pictures."""
-    scenes = message.get("scenes")
-    if not isinstance(scenes, list) or not all(
-        isinstance(scene, str) and scene in state.options.playlist for scene in scenes
-    ):
-        raise BadMessage("previews needs a list of scenes of the playlist, or an empty one to stop")
-    return Reply(previews=tuple(scenes))
 
 
 def _place(state: SessionState, message: Message) -> int | None:
@@ -404,7 +392,6 @@ HANDLERS: dict[str, Handler] = {
     "look": _look,
     "action": _action,
     "load": _load,
-    "previews": _previews,
     "pictures": _pictures,
     "trace": _output,
     "record": _output,

@@ -1,14 +1,13 @@
 """The packers of a session: one for the disparity of the scene on screen, one for a requested
-scene, one for the previews on the page of scenes.
+scene.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import attrs
 
-from lfpipe.config import Scene, SceneSummary
+from lfpipe.config import SceneSummary
 from lfpipe.scene.open_scene import PackerRequest, Packing
 from lfpipe.supervisor.control_sockets import Request
 from lfpipe.transport.clock import SECOND_NS, now_ns
@@ -125,52 +124,3 @@ class SceneLoads:
         """Ends both packers."""
         for name in list(self._loads):
             self._end(name)
-
-
-class _PreviewReader(Packing):
-    """The packer that reads previews. request: the scenes that are not read yet."""
-
-    def __init__(self, scenes: Sequence[str], settings: Scene, send: Send) -> None:
-        self._send = send
-        self.request = PackerRequest(do="previews", scenes=scenes, settings=settings)
-        super().__init__(self.request)
-
-    def on_step(self, step: dict[str, Any]) -> None:
-        """Passes on a preview."""
-        super().on_step(step)
-        if "preview" in step:
-            self.request = attrs.evolve(self.request, scenes=self.request.scenes[1:])
-            self._send({"cmd": "preview", "scene": step["preview"], "data": step["data"]})
-
-
-class ScenePreviews:
-    """Small pictures of the scenes on one page of the window. send: for each, "" for none."""
-
-    def __init__(self, send: Send) -> None:
-        self._send = send
-        self._reader: _PreviewReader | None = None
-
-    def begin(self, scenes: Sequence[str], settings: Scene) -> None:
-        """Reads these scenes, in order, instead of earlier ones."""
-        self.close()
-        if scenes:
-            self._reader = _PreviewReader(scenes, settings, self._send)
-
-    @property
-    def fds(self) -> Sequence[int]:
-        """Descriptors that wake the supervisor."""
-        return () if self._reader is None else self._reader.fds
-
-    def read(self) -> None:
-        """Passes on the previews; continues with the next scene if one has crashed the child."""
-        reader = self._reader
-        if reader is not None:
-            reader.read()
-            if reader.done:
-                self.begin(reader.request.scenes[1:], reader.request.settings)
-
-    def close(self) -> None:
-        """Ends the child."""
-        if self._reader is not None:
-            self._reader.close()
-            self._reader = None

@@ -33,7 +33,7 @@ from lfpipe.supervisor.governor import QualityControl
 from lfpipe.supervisor.metrics import SessionMetrics, session_metrics
 from lfpipe.supervisor.process_table import NAMES, SHOWN_BY, SOURCE, STAGES, TRACKED_BY, Stage
 from lfpipe.supervisor.requests import Reply, on_complete, on_load, respond
-from lfpipe.supervisor.scene_loads import SceneEvent, SceneLoads, ScenePreviews
+from lfpipe.supervisor.scene_loads import SceneEvent, SceneLoads
 from lfpipe.supervisor.session_state import SessionState, SessionStore, Trial
 from lfpipe.supervisor.stage_process import (
     MAX_FAILURES,
@@ -128,7 +128,6 @@ class LiveSession:
             self._sockets = sockets = parts.enter_context(closing(ControlSockets(session.run_dir)))
             show = partial(sockets.send, SHOWN_BY)
             self._loads = parts.enter_context(closing(SceneLoads(show, packing)))
-            self._previews = parts.enter_context(closing(ScenePreviews(show)))
             ask_to_stop = partial(sockets.send, message={"cmd": "stop"})
             self.stages = parts.enter_context(
                 closing(StageProcesses(session, table, self._spec, ask_to_stop, self.notify))
@@ -177,7 +176,7 @@ class LiveSession:
         self._watch_faults()
         self._adapt_quality()
         self._watch_idle()
-        for messages in (self._take_messages, self._take_scenes, self._previews.read):
+        for messages in (self._take_messages, self._take_scenes):
             try:
                 messages()
             except Exception as error:  # their content comes from outside
@@ -188,7 +187,7 @@ class LiveSession:
     def _poll(self) -> None:
         """Sleeps until a descriptor can be read, or something is due."""
         poller = zmq.Poller()
-        for part in (self.stages, self._sockets, self._loads, self._previews):
+        for part in (self.stages, self._sockets, self._loads):
             for fd in part.fds:
                 poller.register(fd, zmq.POLLIN)
         waits_ns = [IDLE_TICK_NS if self.state.idle else TICK_NS]
@@ -523,8 +522,6 @@ class LiveSession:
 
     def _answer_applied(self, request: Request, reply: Reply) -> None:
         """Stores the state of a reply, and answers once the stages have applied it."""
-        if reply.previews is not None:
-            self._previews.begin(reply.previews, self.state.config.scene)
         answer = {"ok": True, **reply.answer}
         if reply.with_stages:
             answer |= self.metrics().to_dict()

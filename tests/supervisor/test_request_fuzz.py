@@ -45,7 +45,6 @@ def valid(scene: Path) -> list[Message]:
         {"cmd": "load", "scene": str(scene), "layout": "auto", "grid": ""},
         {"cmd": "load", "at": 0},
         {"cmd": "load", "step": 1},
-        {"cmd": "previews", "scenes": []},
         {"cmd": "pictures", "lease_s": 1.0},
         {"cmd": "trace", "path": ""},
         {"cmd": "record", "path": ""},

@@ -30,7 +30,6 @@ from lfpipe.scene.open_scene import PackerRequest, Packing
 from lfpipe.supervisor import metrics, scene_loads, session
 from lfpipe.supervisor.control_sockets import ControlSockets, Request
 from lfpipe.supervisor.process_table import METRICS, STAGES
-from lfpipe.supervisor.scene_loads import ScenePreviews
 from lfpipe.transport import control
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.histogram import Histogram
@@ -114,7 +113,6 @@ def test_wire_format_of_requests_to_children(asked: list[Any]) -> None:
     packing = Packing(PackerRequest(scenes=["/a"], settings=Scene(), expand=True))
     Packing(PackerRequest(scenes=[Path("/b")], settings=Scene(layout="quilt"), remember=True))
     Packing(PackerRequest(do="info", scenes=[Path("/c")], settings=Scene()))
-    ScenePreviews(print).begin(["/a", "/b"], Scene())
     assert_same("requests to children", json.loads(json.dumps(asked)))
     for step in WIRE["steps of the packer"]:
         packing.on_step(step)
@@ -122,23 +120,14 @@ def test_wire_format_of_requests_to_children(asked: list[Any]) -> None:
     assert packing.views == made_state().options.scene
 
 
-def test_wire_format_of_messages_to_the_window(
-    asked: list[Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.usefixtures("asked")
+def test_wire_format_of_messages_to_the_window() -> None:
     packing = Packing(PackerRequest(scenes=[Path("/a/" + "long" * 60)], settings=Scene()))
     packing.on_step({"step": "views", "done": 1, "total": 4})
     sent: list[dict[str, Any]] = []
     load = scene_loads._Load(packing, sent.append)
     load.report()
     load.report(end=True)
-    monkeypatch.setattr(Worker, "read", lambda worker: None)
-    monkeypatch.setattr(Worker, "done", False)
-    previews = ScenePreviews(sent.append)
-    previews.begin(["/a"], Scene())
-    reader = previews._reader
-    assert reader is not None
-    reader.on_step({"preview": "/a", "data": "aGk="})
-    previews.read()
     assert_same("messages to the window", [control.decode(control.encode(one)) for one in sent])
 
 

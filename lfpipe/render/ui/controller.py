@@ -72,7 +72,7 @@ class Ui:
         self.settings = Settings(context, viewer, self.notices, files)
         self.scenes = SceneLoader(context, self.notices)
         self.recording = RecordingIndicator(context, self.notices)
-        self.scene_page = ScenePage(context)
+        self.scene_page = ScenePage(context, files)
         self.folder_page = FolderPage(files)
         self.metrics_page = MetricsPage(context, viewer, presenter)
         self.help_page = Help()

@@ -5,20 +5,24 @@ The old scene stays on the screen until the packer has the views of the new one.
 replaces the first.
 """
 
-import base64
+import contextlib
 import textwrap
+from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.config import Scene
+from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area
 from lfpipe.host.files import exists
 from lfpipe.render.display.overlay import Event, Item, Menu, Overlay
+from lfpipe.render.ui.files import Files
 from lfpipe.render.ui.notices import Notices, viewer_kind
 from lfpipe.render.ui.pages import Page
-from lfpipe.scene.cache import cache_dir
+from lfpipe.scene.cache import cache_dir, packed
 from lfpipe.scene.recent_scenes import forget_scene
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
@@ -148,16 +152,28 @@ class SceneLoader:
             self._context.request("load", at=0)
 
 
+def middle_view(scene: str, settings: Scene) -> NDArray[np.uint8] | None:
+    """A small picture of a scene, RGB, from its pack; None if it was never opened."""
+    with contextlib.suppress(UserError, OSError):
+        if (field := packed(scene, settings)) is not None:
+            planes = field.views[0, field.rows // 2, field.cols // 2]
+            grey_or_rgb = np.moveaxis(planes, 0, -1)
+            _, _, *small_px = fit_area((field.width_px, field.height_px), KEPT_PX)
+            small = cv2.resize(grey_or_rgb, small_px, interpolation=cv2.INTER_AREA)
+            return np.asarray(np.broadcast_to(np.atleast_3d(small), (*small.shape[:2], 3)))
+    return None
+
+
 class ScenePage(Page):
     """The scenes of the playlist as a menu, with the camera's picture."""
 
-    def __init__(self, context: Context) -> None:
+    def __init__(self, context: Context, files: Files) -> None:
         self._context = context
+        self._files = files
         self._playlist = context.options.playlist
         self._scenes = list(self._playlist)  # without those taken off the start page
         self._at = 0
-        # of the scenes that were read; None: there is none
-        self._pictures: dict[str, NDArray[np.uint8] | None] = {}
+        self._pictures: dict[str, NDArray[np.uint8] | None] = {}  # None: never opened
         self._camera: Reader | None = None
         self._camera_due_ns = 0
         self._camera_item = Item("your camera", LOOK)
@@ -177,8 +193,8 @@ class ScenePage(Page):
         return Menu("Choose a scene", HINT.format(delete), tuple(items), self._at)
 
     def open(self) -> None:
-        """Selects the scene on show; asks for all pictures again, as one may have been packed
-        since. Those of our own making are in the package: their views take a while to render.
+        """Selects the scene on show, and reads the pictures again, as one may have been packed
+        since. Those of our own making are in the package.
         """
         options = self._context.options
         if options.playlist != self._playlist:
@@ -192,23 +208,12 @@ class ScenePage(Page):
             for scene, path in stored.items()
             if self._is_own(scene) and exists(path)
         }
-        rest = [scene for scene in self._scenes if scene not in self._pictures]
-        self._context.request("previews", scenes=rest)
+        for scene in self._scenes:
+            if scene not in self._pictures:
+                read = partial(middle_view, scene, self._context.config.scene)
+                self._files.do(read, partial(self._pictures.__setitem__, scene))
         if options.viewer.tracked and self._camera is None:
             self._camera = Reader(self._context.spec.session.segment("frames"))
-
-    def close(self) -> None:
-        """Ends what reads pictures."""
-        if len(self._pictures) < len(self._scenes):
-            self._context.request("previews", scenes=[])
-
-    def add(self, preview: Message) -> None:
-        """Takes a picture that the packer has read."""
-        picture = None
-        if preview["data"]:
-            data = np.frombuffer(base64.b64decode(preview["data"]), np.uint8)
-            picture = np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), np.uint8)[..., ::-1]
-        self._pictures[preview["scene"]] = picture
 
     def _is_own(self, scene: str) -> bool:
         """Whether a scene is of our own making: it is always there."""
@@ -221,7 +226,7 @@ class ScenePage(Page):
             return False
         if self._context.options.start and scene in self._scenes and not self._is_own(scene):
             self._scenes.remove(scene)
-            forget_scene(Path(scene))
+            self._files.do(partial(forget_scene, Path(scene)))
         return True
 
     def overlay(self, t_ns: int) -> Overlay:
