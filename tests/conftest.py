@@ -30,21 +30,24 @@ pytest_plugins = ["tests.support.watchdog"]
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 cv2.setNumThreads(1)  # a worker has one core; threads of a pool would wait on another's
-# The same examples in every run: a change fails for what it does. `pytest
-# --hypothesis-profile=explore` looks for others. No test has a deadline: how long an example takes
-# depends on what else the machine does.
+# The same examples in every run: a change fails for what it does. A third of them by default, all
+# at night with `--hypothesis-profile=same`; `explore` looks for others. No test has a deadline: how
+# long an example takes depends on what else the machine does.
 hypothesis.settings.register_profile(
     "explore", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
 )
 hypothesis.settings.register_profile(
     "same", hypothesis.settings.get_profile("explore"), derandomize=True, database=None
 )
+hypothesis.settings.register_profile(
+    "quick", hypothesis.settings.get_profile("same"), max_examples=33
+)
 # for copies with a fault, which only have to fail
 UNSHRUNK = (hypothesis.Phase.explicit, hypothesis.Phase.generate)
 hypothesis.settings.register_profile(
     "unshrunk", hypothesis.settings.get_profile("same"), phases=UNSHRUNK
 )
-hypothesis.settings.load_profile("same")
+hypothesis.settings.load_profile("quick")
 # A runner in the background, or under nohup, has these ignored and hands that down.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 for _name in ("SIGHUP", "SIGQUIT"):
@@ -94,19 +97,20 @@ SESSIONS = {"world", "live", "screen", "xvfb"}  # fixtures of real sessions and 
 
 
 @pytest.hookimpl(tryfirst=True)  # before `-m` chooses
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Function]) -> None:
+def pytest_collection_modifyitems(items: list[pytest.Function]) -> None:
     """Long packages first. A test with a session is `live`, unless it is the one of its kind that
-    every run plays through (`everyday`). What soaks runs only if `-m` names it; what only Linux's
-    own host has is skipped on the portable one.
+    every run plays through (`everyday`) or runs at night alone; so does a test with a browser. What
+    only Linux's own host has is skipped on the portable one.
     """
-    if "soak" not in config.option.markexpr:
-        items[:] = [item for item in items if item.get_closest_marker("soak") is None]
     items.sort(key=lambda item: item.path.parent.name not in LONGEST_PACKAGES)
     for item in items:
         # an argument of a test may have the name of a fixture
         given = item.callspec.params if hasattr(item, "callspec") else {}
-        if SESSIONS & (set(item.fixturenames) - set(given)) and not any(
-            map(item.get_closest_marker, ("everyday", "alone", "soak", "camera_vm"))
+        fixtures = set(item.fixturenames) - set(given)
+        if "browser" in fixtures:
+            item.add_marker(pytest.mark.nightly)
+        if SESSIONS & fixtures and not any(
+            map(item.get_closest_marker, ("everyday", "alone", "nightly", "camera_vm"))
         ):
             item.add_marker(pytest.mark.live)
     for item in items if PORTABLE else ():

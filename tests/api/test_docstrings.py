@@ -25,6 +25,8 @@ FUNCTIONS = {
     if inspect.isfunction(value) and not name.startswith("_")
 }
 
+pytestmark = pytest.mark.nightly
+
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_public_docstrings_name_every_parameter(name: str) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import attrs
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from skimage.color import rgb2ycbcr
 from skimage.metrics import peak_signal_noise_ratio
@@ -21,10 +21,11 @@ from lfpipe.errors import UserError
 from lfpipe.render.synthesis.scoring import psnr_db
 from lfpipe.scene.lightfield import LightField, Manifest
 from tests.bench.inputs import wall
+from tests.support.examples import examples
 from tests.support.world import World, write_scene
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(
     st.integers(0, 2**32 - 1),
     st.integers(56, 90),

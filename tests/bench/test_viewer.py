@@ -29,6 +29,7 @@ def test_no_figure_of_a_scene_a_camera_or_a_screen_is_beyond_its_bound() -> None
     check(other_tables(phases=2))
 
 
+@pytest.mark.live
 def test_the_command_checks_every_bound(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -14,20 +14,9 @@ import platformdirs
 
 from tests.camera_vm import machine
 
-SHORT = (  # what .ci/run runs
-    "every_format or gives_way or both_kinds or damaged or fatal or STREAMON or same_number or"
-    " appears_later or fits_a_screen"
-)
-
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "--short", action="store_true", help="a part of the tests, in less than 3 minutes"
-    )
-    parser.add_argument(
-        "--optional", action="store_true", help="exit code 0 where the machine cannot run"
-    )
     parser.add_argument("-k", default="", help="as pytest's")
     arguments = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that the machine is ended, too
@@ -35,7 +24,6 @@ def main() -> int:
     try:
         machine.install_tools()
         kernel = machine.prepare(platformdirs.user_cache_path("lfpipe-vm"))
-        chosen = arguments.k or (SHORT if arguments.short else "")
         words = [
             sys.executable,
             "-m",
@@ -47,13 +35,18 @@ def main() -> int:
             "no:cacheprovider",
             "--timeout=90",
         ]
-        words += ["-v", "-n0", "--junitxml=/guest/junit.xml", *(["-k", chosen] if chosen else [])]
+        words += [
+            "-v",
+            "-n0",
+            "--junitxml=/guest/junit.xml",
+            *(["-k", arguments.k] if arguments.k else []),
+        ]
         env = {"LFPIPE_GUEST": "1", "PYTHONUNBUFFERED": "1", "PYTHONPATH": str(Path.cwd())}
         command = " ".join([*(f"{name}={value}" for name, value in env.items()), shlex.join(words)])
-        code, output = machine.run(kernel, command, out, 170.0 if arguments.short else 900.0)
+        code, output = machine.run(kernel, command, out, 900.0)
     except machine.UnavailableError as error:
         print(f"camera tests in a virtual machine: not run: {error}")
-        return 0 if arguments.optional else 3
+        return 3
     finally:
         shutil.rmtree(out, ignore_errors=True)
     print(output)

@@ -10,7 +10,7 @@ from typing import Any
 import attrs
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe import config
@@ -32,6 +32,7 @@ from lfpipe.render.choice import EyesSource
 from lfpipe.transport.ring import Stamp, StampKind
 from tests.capture.fake_camera import PATH, FakeCamera, FakeControl, source
 from tests.render.rendered import record
+from tests.support.examples import examples
 from tests.support.world import until
 
 PERIOD_NS = 100_000_000
@@ -191,7 +192,7 @@ def test_eyes_of_a_frame_with_the_oldest_usable_stamp_are_not_stale(rate_hz: flo
 
 
 @given(st.lists(st.integers(0, PERIOD_NS - 1), min_size=2, max_size=20))
-@settings(max_examples=30)
+@examples(30)
 def test_stamps_ahead_of_the_clock_by_less_than_a_frame_keep_their_spacing(
     waits_ns: list[int],
 ) -> None:

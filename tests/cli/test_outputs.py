@@ -103,7 +103,6 @@ def test_up_from_file_to_file_plays_once(world: World, scene: Path, clip: Path) 
     assert 60 <= frames <= 240, "60 frames at 30 Hz, shown at 60 Hz"
 
 
-@pytest.mark.everyday
 def test_up_demo_without_a_screen_leaves_a_video_and_a_picture(world: World) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         world.env.pop(name, None)

@@ -11,7 +11,7 @@ from typing import Any
 
 import msgpack
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from lfpipe import config
@@ -21,6 +21,7 @@ from lfpipe.config.check import flat
 from lfpipe.config.user_files import commented
 from lfpipe.errors import UserError
 from tests.support import hostile_files
+from tests.support.examples import examples
 from tests.support.hostile_files import NO_FILES, TOML_TEXTS, VALUES, deep, ended
 from tests.support.refusal import refusal
 
@@ -155,7 +156,7 @@ def usable(made: Config) -> None:
     assert read(tomllib.loads(commented(made).encode().decode())) == made
 
 
-@settings(max_examples=120)
+@examples(120)
 @example(sets={"render": {}}, live=True)
 @example(sets={"render": {"alpha_px": 3}}, live=True)
 @example(sets={"": 1}, live=True)
@@ -176,7 +177,7 @@ def test_a_change_is_taken_whole_or_refused(sets: dict[str, Any], live: bool) ->
     usable(after)
 
 
-@settings(max_examples=100)
+@examples(100)
 @given(
     tree=st.dictionaries(
         st.sampled_from(SECTIONS) | NAMES, SHAPES | st.dictionaries(NAMES, SHAPES, max_size=4)

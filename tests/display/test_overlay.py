@@ -8,7 +8,7 @@ import attrs
 import numpy as np
 import pygame
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.config import choices
@@ -24,6 +24,7 @@ from lfpipe.render.ui.keys import ACTION_OF, DEPTH, HELP, KEYS, bar_items
 from lfpipe.render.ui.look import NOT_LIT
 from lfpipe.render.ui.overlay_view import EDGE_PX, ItemPanel, OverlayView, bar_panel, menu_panel
 from tests.display.test_window import GREY, becomes, pressed, window  # noqa: F401  (fixture)
+from tests.support.examples import examples
 from tests.support.xvfb_screen import Screen
 
 SIZES = [(320, 240), (640, 480), (1920, 1080), (3840, 2160)]
@@ -283,7 +284,7 @@ def test_wheel_turns_the_pages_of_a_menu_and_is_for_the_picture_without_one() ->
     assert screened.panels((1280, 800), 22) == [] and turned(-1) is None
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(
     st.integers(1, 40),
     st.tuples(st.integers(120, 1400), st.integers(120, 900)),

@@ -165,7 +165,7 @@ def session(tmp_path_factory: pytest.TempPathFactory, scene: Path, clip: Path) -
         yield made
 
 
-@pytest.mark.live
+@pytest.mark.nightly
 @pytest.mark.parametrize("page", [*PAGES, "lfpipe/"])
 def test_docs_commands_run_as_printed(session: World, tmp_path: Path, page: str) -> None:
     """Each of `runnable`, in the order of the page, while a session runs."""

@@ -15,6 +15,8 @@ from tests.support.world import World
 EXAMPLES = ROOT / "examples"
 PROGRAMS = [block for block in blocks("docs/python.md") if block.count("\n") > 2]
 
+pytestmark = pytest.mark.nightly
+
 
 def run(world: World, python: Path, *words: str | Path) -> str:
     """What a program prints.
@@ -76,7 +78,6 @@ def test_examples_of_python_md_run(
     assert run(world, fresh, fresh, "-c", where + example)
 
 
-@pytest.mark.live
 def test_example_programs_are_typed(fresh: Path, tmp_path: Path) -> None:
     """As their readers would check them: against the installed package, strictly."""
     files = [*EXAMPLES.glob("*.py"), EXAMPLES / "lfpipe-example" / "lfpipe_example"]

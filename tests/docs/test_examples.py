@@ -40,6 +40,7 @@ def test_docs_blocks_of_data_are_well_formed() -> None:
             json.loads(block)
 
 
+@pytest.mark.nightly
 def test_ring_example_reads_a_frame(
     live: World, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -114,6 +115,7 @@ RUNNER = """
 """
 
 
+@pytest.mark.nightly
 def test_stage_example_runs_in_a_session(world: World, scene: Path, tmp_path: Path) -> None:
     page = (ROOT / "docs" / "extending.md").read_text()
     row = re.search(r"`(Stage\(.*?\))`\.", page, re.S)

@@ -16,6 +16,8 @@ STOCK = "/usr/bin:/bin"  # Debian's and Ubuntu's own Python, which is externally
 LINES = [line for line in blocks("README.md", "sh")[0].splitlines() if "uv run" in line]
 DEMO, TESTS = (re.sub(r"\s+#.*", "", line) for line in LINES)
 
+pytestmark = pytest.mark.nightly
+
 
 def on(path: str, *command: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     """Runs a command with that PATH, without an environment of ours and without a screen."""
@@ -55,7 +57,6 @@ def run_demo(path: str, command: str, clone: Path) -> None:
     assert not [line for line in status.splitlines() if line.startswith("??")], status
 
 
-@pytest.mark.live
 @pytest.mark.parametrize("system", ["stock", "3.12"])
 def test_demo_command_works_on_a_new_system(clone: Path, system: str) -> None:
     """Nothing but the folder changes. Images such as python:3.12-slim have pip and no uv."""
@@ -72,7 +73,6 @@ def test_demo_command_works_on_a_new_system(clone: Path, system: str) -> None:
         assert done.returncode == 0 and "[100%]" in done.stdout, done.stdout + done.stderr
 
 
-@pytest.mark.live
 def test_demo_command_works_where_uv_is_installed(clone: Path) -> None:
     uv = shutil.which("uv")
     if uv is None:

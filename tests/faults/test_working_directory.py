@@ -10,6 +10,8 @@ from tests.support.world import World, write_scene
 
 CODE = "open({marker!r}, 'a').write(__name__ + chr(10))\n"
 
+pytestmark = pytest.mark.nightly
+
 
 @pytest.fixture
 def trapped(world: World) -> Path:
@@ -22,7 +24,6 @@ def trapped(world: World) -> Path:
     return marker
 
 
-@pytest.mark.live
 @pytest.mark.parametrize(
     "words",
     [

@@ -10,12 +10,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header, read_frames, read_picture, small_grey
+from tests.support.examples import examples
 from tests.support.hostile_files import damaged_bytes, jpeg_claiming, png_of, with_exif
 
 ENCODERS = [
@@ -103,7 +104,7 @@ def test_other_formats_are_refused_whatever_opencv_can_do(tmp_path: Path, end: s
         read_picture(tmp_path / "p.png")
 
 
-@settings(max_examples=200, deadline=None)
+@examples(200, deadline=None)
 @given(
     encoder=st.sampled_from(ENCODERS),
     seed=st.integers(0, 1 << 32),

@@ -11,12 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.errors import UserError
 from lfpipe.monitor.timeline import TRACKS, convert, events
 from tests.support import hostile_files as hostile
+from tests.support.examples import examples
 from tests.support.refusal import refusal
 
 
@@ -84,7 +85,7 @@ def written(path: Path) -> Path:
     return path
 
 
-@settings(max_examples=100)
+@examples(100)
 @given(seed=st.integers(0, 2**32))
 def test_convert_takes_or_refuses_a_damaged_trace(seed: int) -> None:
     with tempfile.TemporaryDirectory() as folder:

@@ -9,7 +9,7 @@ from typing import Any
 import attrs
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -23,6 +23,7 @@ from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.scene.lightfield import UNKNOWN
 from tests.render import rendered
 from tests.render.rendered import METHODS, OUTPUTS
+from tests.support.examples import examples
 
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 # the left eye stands at larger x of the unmirrored picture
@@ -93,7 +94,7 @@ def test_key_tells_frames_of_a_video_apart() -> None:
     )
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(
     st.floats(-1, 4),
     st.floats(-1, 4),
@@ -129,7 +130,7 @@ def test_key_is_rounded_by_less_than_shows() -> None:
         assert (error > 1).mean() < 0.02
 
 
-@settings(max_examples=100)
+@examples(100)
 @given(
     shape=st.tuples(st.integers(1, 3), st.integers(1, 4), st.integers(1, 9), st.integers(1, 9)),
     extent_px=st.sampled_from([0.0, 1e-6, 3.0, 100.0]),
@@ -163,7 +164,7 @@ def test_compose_of_nonsense_stays_within_the_range_of_the_views(
         assert field.views.min() <= picture.min() and picture.max() <= field.views.max()
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(
     strange=st.lists(st.tuples(ANY, ANY, ANY, ANY, ANY), min_size=1, max_size=4),
     alpha_px=st.sampled_from(["auto", 1e-9, 12.0, 1e9]),

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import attrs
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.config import Config, updated
@@ -17,6 +17,7 @@ from lfpipe.render.viewer.geometry import Parallax, parallax
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.source import Geometry
 from tests.render import rendered
+from tests.support.examples import examples
 
 # The HCI scene "cotton": baseline 25 mm, focus 4.25 m,
 # focal length 1462.9 px of 512, disparities -1.6..1.5
@@ -243,7 +244,7 @@ def test_zero_planes_px_go_through_a_scene_in_some_forty_steps(low: float, span:
         assert first < low and last > low + span and span / step == pytest.approx(PLANES, rel=0.5)
 
 
-@settings(max_examples=200)
+@examples(200)
 @given(
     alpha=st.one_of(st.just("auto"), st.floats(1e-9, 1e9)),
     eyes_px=st.one_of(st.none(), st.floats(allow_nan=True, allow_infinity=True)),

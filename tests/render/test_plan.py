@@ -6,7 +6,7 @@ from typing import Any
 import attrs
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -19,6 +19,7 @@ from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.scene.lightfield import LightField, Manifest
 from tests.render import rendered
 from tests.render.rendered import METHODS, OUTPUTS, S, record
+from tests.support.examples import examples
 
 
 def field(rows: int, cols: int, **changes: Any) -> LightField:
@@ -164,7 +165,7 @@ def test_plan_is_what_the_stages_do(scene: LightField, how: Config) -> None:
             assert plan.needs_warp, error
 
 
-@settings(max_examples=50)
+@examples(50)
 @given(configs)
 def test_plan_needs_depth_where_distance_changes_the_views(how: Config) -> None:
     scene = rendered.noise(9, 9, 8, 8, 1.0, seed=1)

@@ -4,7 +4,7 @@ nothing jumps.
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
 
@@ -24,6 +24,7 @@ from lfpipe.render.viewer.presence import (
     ViewerState,
     idle_place,
 )
+from tests.support.examples import examples
 
 FRAME_NS = 33_333_333
 HOME = Rest(300.0, 200.0, 60.0)
@@ -114,7 +115,7 @@ class Watched(RuleBasedStateMachine):
         assert any(found) and self.subject.state is SE
 
 
-Watched.TestCase.settings = settings(max_examples=60, stateful_step_count=20)
+Watched.TestCase.settings = examples(60, stateful_step_count=20)
 TestPresence = Watched.TestCase
 
 
@@ -253,7 +254,7 @@ def test_view_easing_follows_motion_in_its_own_direction_alone() -> None:
         st.tuples(st.booleans(), st.integers(1, 40), st.floats(-4, 4)), min_size=1, max_size=12
     )
 )
-@settings(max_examples=80)
+@examples(80)
 def test_view_easing_never_jumps(spans: list[tuple[bool, int, float]]) -> None:
     """Faces come and go anywhere within 8 views: no picture leaps, none moves away from its target,
     and half a second later it is there.

@@ -8,7 +8,7 @@ import attrs
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -22,6 +22,7 @@ from lfpipe.render.synthesis.viewpoint import Position
 from lfpipe.scene.lightfield import LightField
 from tests.render import rendered
 from tests.render.rendered import METHODS
+from tests.support.examples import examples
 
 
 def made(
@@ -200,7 +201,7 @@ def through(
     return out
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(st.sampled_from(SIZES), st.integers(0, 1000), st.sampled_from([0.0, 0.6, 3.0, 100.0]))
 def test_blocks_sample_as_pixels_do_beyond_the_border_too(
     size: tuple[int, int], seed: int, reach_px: float
@@ -232,7 +233,7 @@ def test_bands_of_large_planes_cover_them() -> None:
     )
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(st.integers(0, 1000), st.integers(0, 60))
 def test_boxes_of_a_mask_hold_it_all_in_less_than_one_box(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)

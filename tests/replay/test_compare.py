@@ -17,7 +17,7 @@ from typing import Any
 import attrs
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.errors import UserError
@@ -31,6 +31,7 @@ from lfpipe.replays.run import clear_out, update_reference
 from lfpipe.sequence.packets import INDEX, PACKETS, PacketWriter, decoded, encoded, read_index
 from lfpipe.transport.ring import Stamp
 from tests.render import rendered
+from tests.support.examples import examples
 from tests.support.hostile_sequences import damage
 from tests.support.refusal import refusal
 
@@ -223,7 +224,7 @@ def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@settings(max_examples=100)
+@examples(100)
 @given(seed=st.integers(0, 2**32), redraw=st.booleans())
 def test_a_damaged_reference_is_compared_or_refused(first: Path, seed: int, redraw: bool) -> None:
     with tempfile.TemporaryDirectory() as parent:

@@ -120,6 +120,7 @@ def _changed(root: Path, file: str, before: str, after: str) -> Path:
     return root / "changed"
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("file", "before", "after", "part", "named"),
     [

@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe import config
@@ -14,6 +14,7 @@ from lfpipe.scene import layouts
 from lfpipe.scene.demo import NAMES, VERSION, demo_scene
 from lfpipe.scene.demo_drawing import Ball, Quad, draw_view
 from lfpipe.scene.demo_scenes import OFFSET_PX
+from tests.support.examples import examples
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -57,7 +58,7 @@ def test_a_cache_that_cannot_be_written_is_the_users_to_fix(tmp_path: Path) -> N
 offsets = st.floats(-4, 4)
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(offsets, offsets, st.floats(-2, 2), st.floats(-1, 1), st.floats(-1, 1))
 def test_a_quad_stands_where_its_disparity_says(
     u: float, v: float, d: float, tilt_x: float, tilt_y: float
@@ -78,7 +79,7 @@ def test_a_quad_stands_where_its_disparity_says(
     assert centre.min() > 18.5 and centre.max() < 45.5
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(offsets, offsets, st.floats(-2, 2), st.floats(0.05, 0.6))
 def test_a_balls_points_lie_on_it_and_face_the_camera(
     u: float, v: float, d: float, depth: float

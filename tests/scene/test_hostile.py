@@ -24,7 +24,7 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe import config
@@ -50,6 +50,7 @@ from tests.scene.writers import (
     stanford,
     together,
 )
+from tests.support.examples import examples
 from tests.support.hostile_files import (
     NO_FILES,
     PEAK_MB,
@@ -445,7 +446,7 @@ def test_permissions_are_named(tmp_path: Path, as_nobody: list[str], name: str) 
     assert code == 2 and str(locked) in err and "cannot be read: Permission denied" in err
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(st.binary(max_size=400))
 def test_parsers_of_small_files(tmp_path_factory: pytest.TempPathFactory, body: bytes) -> None:
     path = tmp_path_factory.getbasetemp() / "fuzzed"

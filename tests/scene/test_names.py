@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from PIL import Image
 
@@ -17,6 +17,7 @@ from lfpipe.scene.layouts._names import MAPS, read_names
 from lfpipe.scene.layouts._running import find_columns
 from lfpipe.scene.source import GridTransform
 from tests.scene import made
+from tests.support.examples import examples
 
 AUTO = config.Scene()
 GRID = made.views(3, 4, 48, 64)
@@ -129,7 +130,7 @@ def test_coordinates_of_any_sign_are_rows_and_columns(
     )
 
 
-@settings(max_examples=300)
+@examples(300)
 @given(schemes())
 def test_row_and_column_are_found_in_any_scheme(
     scheme: tuple[dict[str, tuple[int, int]], list[str]],
@@ -141,7 +142,7 @@ def test_row_and_column_are_found_in_any_scheme(
     assert placed == names or placed == {name: index[::-1] for name, index in names.items()}
 
 
-@settings(max_examples=100)
+@examples(100)
 @given(
     TEXTS,
     SEPARATORS,

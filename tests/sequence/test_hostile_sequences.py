@@ -17,7 +17,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe import config
@@ -30,6 +30,7 @@ from lfpipe.sequence.eyes import TRUTH, read_truth
 from lfpipe.sequence.folder import MANIFEST, open_sequence
 from lfpipe.sequence.packets import INDEX, PACKETS
 from tests.support import hostile_files, hostile_sequences
+from tests.support.examples import examples
 from tests.support.films import write_film
 from tests.support.hostile_files import NO_FILES, at
 from tests.support.hostile_sequences import put_packets, typed
@@ -74,7 +75,7 @@ USES: dict[str, Callable[[Path, Path], object]] = {
 }
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(seed=st.integers(0, 2**32))
 def test_a_damaged_sequence_is_read_or_refused(whole: Path, seed: int) -> None:
     with tempfile.TemporaryDirectory() as parent:

@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe import config
@@ -28,6 +28,7 @@ from lfpipe.sequence.packets import (
     read_packet,
 )
 from tests.capture.made_files import video
+from tests.support.examples import examples
 from tests.support.hostile_sequences import FRAMES, typed
 from tests.support.processes import largest_file
 from tests.support.refusal import refusal
@@ -58,7 +59,7 @@ def test_a_packet_without_loss_gives_its_picture_back(tmp_path: Path) -> None:
         assert "frame 0: its bytes were changed" in str(refusal(read_packet, tmp_path, packet))
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(sizes=st.lists(st.integers(0, 40), min_size=1, max_size=8), data=st.data())
 def test_whatever_is_cut_off_the_whole_frames_before_it_are_read_and_written_on(
     tmp_path_factory: pytest.TempPathFactory, sizes: list[int], data: st.DataObject

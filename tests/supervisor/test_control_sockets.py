@@ -11,13 +11,14 @@ from typing import Any
 import msgpack
 import pytest
 import zmq
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 
 from lfpipe.supervisor.control_sockets import ControlSockets, Request
 from lfpipe.transport import control
 from lfpipe.transport.control import BadMessage
 from tests.supervisor.raw_bytes import byte_strings, send_raw
 from tests.supervisor.states import messages
+from tests.support.examples import examples
 from tests.support.world import World, answer_of, connected
 
 
@@ -51,7 +52,7 @@ def test_control_sockets_answer_every_shape_of_request(
 ) -> None:
     before = answer_of(client, {"v": 2, "cmd": "hello"})
 
-    @settings(max_examples=200, suppress_health_check=list(HealthCheck))
+    @examples(200, suppress_health_check=list(HealthCheck))
     @given(messages)
     def attack(message: dict[str, Any]) -> None:
         # what these may do to a session is tested elsewhere

@@ -6,7 +6,7 @@ from itertools import pairwise
 import attrs
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.config import Config, DrawingCosts, Render, SessionOptions
@@ -16,6 +16,7 @@ from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.status import ROW, State
 from tests.supervisor.states import SCENE
+from tests.support.examples import examples
 
 DT_NS = SECOND_NS // 10
 ALL = frozenset(("capture", "track", "render"))
@@ -62,7 +63,7 @@ spells = st.lists(
 )
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(spells)
 def test_governor_moves_one_level_at_a_time(
     load: list[tuple[Loads, float]],
@@ -156,7 +157,7 @@ def test_governor_level_after_each_spell_of_load(name: str) -> None:
         assert run.governor.level == level, f"spell {number}"
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(st.floats(GAP_S + 0.01, 3600))
 def test_governor_forgets_over_a_gap_in_time(gap_s: float) -> None:
     run = Run()

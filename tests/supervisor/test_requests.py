@@ -8,7 +8,7 @@ from typing import Any
 
 import attrs
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from lfpipe.config import Scene, SceneSummary
 from lfpipe.config.modes import CameraViewer, MouseViewer, NoViewer, Window
@@ -28,6 +28,7 @@ from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport import control
 from lfpipe.transport.control import BadMessage
 from tests.supervisor.states import SCENE, made_state, messages
+from tests.support.examples import examples
 from tests.support.refusal import refusal
 
 ROOT = Path(__file__).parents[2]
@@ -45,7 +46,7 @@ def reply_to(state: SessionState, message: Message) -> Reply | str:
         return f"{error.message} ({error.remedy})"
 
 
-@settings(max_examples=300)
+@examples(300)
 @given(messages)
 def test_respond_answers_or_refuses_every_shape_of_request(message: Message) -> None:
     state = made_state(record="/running")

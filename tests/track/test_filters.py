@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -24,6 +24,7 @@ from lfpipe.track.filters.mean import Mean
 from lfpipe.track.filters.one_euro import OneEuro
 from lfpipe.track.filters.outliers import OutlierGate
 from lfpipe.track.filters.table import make_filter
+from tests.support.examples import examples
 
 FRAME_NS = 33_333_333
 EYES = np.array([[350.0, 240.0], [290.0, 242.0]])
@@ -94,7 +95,7 @@ def test_prediction_of_an_even_motion_is_where_it_goes(kind: str, velocity_px_s:
         st.tuples(steps, st.tuples(pixels, pixels, pixels, pixels)), min_size=1, max_size=30
     )
 )
-@settings(max_examples=60)
+@examples(60)
 def test_whatever_comes_the_output_is_finite_and_bounded(
     kind: str, track: list[tuple[int, tuple[float, ...]]]
 ) -> None:

@@ -7,7 +7,7 @@ import math
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.config import Config, updated
@@ -15,6 +15,7 @@ from lfpipe.eyes import EYES
 from lfpipe.track.head import MODEL, Head, HeadEstimator, head_rotation
 from lfpipe.track.litert_engine import LitertEngine
 from lfpipe.track.mediapipe_engine import MediapipeEngine
+from tests.support.examples import examples
 from tests.track.people import FACES, needs_faces, needs_mediapipe
 
 SIZE = (640, 480)
@@ -69,7 +70,7 @@ def head_in(config: Config, record: np.ndarray) -> Head:
     return found
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(
     st.tuples(st.floats(-150, 150), st.floats(-120, 120), st.floats(400, 1200)),
     st.tuples(st.floats(-35, 35), st.floats(-25, 25), st.floats(-30, 30)),
@@ -144,7 +145,7 @@ def test_predicted_eyes_are_ahead_by_their_velocity() -> None:
     assert later.position_mm[0] - now.position_mm[0] == pytest.approx(5 * 600 / focal_px, rel=0.01)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(st.lists(st.floats(width=32), min_size=30, max_size=30))
 def test_whatever_the_points_the_rotation_is_one(values: list[float]) -> None:
     found = head_rotation(np.array(values, np.float32).reshape(10, 3))

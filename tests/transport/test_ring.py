@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.eyes import EYES
 from lfpipe.host import segment
 from lfpipe.transport import ring
 from lfpipe.transport.ring import Reader, RingSpec, Writer
+from tests.support.examples import examples
 from tests.support.world import until
 
 SPAWN = multiprocessing.get_context("spawn")
@@ -118,7 +119,7 @@ def test_writer_killed_in_mid_slot_harms_nobody(made: Path) -> None:
     reader.close()
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(steps=st.lists(st.integers(0, 9), min_size=1, max_size=30), slots=st.integers(3, 6))
 def test_read_takes_or_counts_every_slot(steps: list[int], slots: int) -> None:
     out = np.empty((), EYES)
@@ -145,7 +146,7 @@ def test_read_takes_or_counts_every_slot(steps: list[int], slots: int) -> None:
     assert read + skipped == published
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(
     steps=st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), min_size=1, max_size=30),
     slots=st.integers(3, 6),

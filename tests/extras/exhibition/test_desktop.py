@@ -6,9 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from tests.support.world import World
 
 
+@pytest.mark.nightly
 def test_desktop_entries_are_valid_and_go_again(world: World) -> None:
     data = world.root / "data"
     world.env["XDG_DATA_HOME"] = str(data)
@@ -24,6 +27,7 @@ def test_desktop_entries_are_valid_and_go_again(world: World) -> None:
     assert not [path for path in data.rglob("*") if path.is_file()]
 
 
+@pytest.mark.nightly
 def test_desktop_shows_a_refusal_in_a_dialog_only_where_it_began(world: World) -> None:
     seen = world.root / "seen"
     dialog = world.root / "bin" / "zenity"

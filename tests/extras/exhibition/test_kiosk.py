@@ -47,6 +47,7 @@ def test_kiosk_moves_with_nobody_there_and_obeys_the_code_alone(
     world.ended(process)
 
 
+@pytest.mark.nightly
 @needs_xdotool
 def test_kiosk_without_a_camera_follows_a_touch(world: World, scene: Path, screen: Screen) -> None:
     world.env |= {"DISPLAY": screen.name, "LFPIPE_KIOSK_CODE": "bye42"}
@@ -74,6 +75,7 @@ def test_kiosk_without_a_camera_follows_a_touch(world: World, scene: Path, scree
     assert "waits for its camera" in told and "Tab" not in told
 
 
+@pytest.mark.nightly
 @needs_xdotool
 def test_visitors_and_time_step_through_the_scenes_of_a_kiosk(
     world: World, scene: Path, screen: Screen
@@ -101,6 +103,7 @@ def test_visitors_and_time_step_through_the_scenes_of_a_kiosk(
     assert "--every needs --kiosk" in world.run("up", scene, "--every", 5).stderr
 
 
+@pytest.mark.nightly
 def test_kiosk_install_writes_a_unit_of_systemd(world: World, scene: Path) -> None:
     odd = world.root / 'a "100 %" $HOME'
     scene_there = shutil.copytree(scene, odd)
@@ -135,6 +138,7 @@ def test_kiosk_install_writes_a_unit_of_systemd(world: World, scene: Path) -> No
     world.refused("up", scene, "--kiosk", "--code-file", code, "--display", "none")
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("odd", ["a\nExecStart=/bin/true", "b\r", "c\x1b[2J", "d\u2028"])
 def test_kiosk_install_refuses_names_that_would_add_lines_to_the_unit(
     world: World, scene: Path, odd: str

@@ -205,7 +205,7 @@ def test_without_gpu_or_library_the_processor_draws_and_says_why(
     assert open_painters("gpu", thread) == (None, "CPU: the extra gpu is not installed")
 
 
-@pytest.mark.soak  # packs every scene
+@pytest.mark.nightly  # packs every scene
 @pytest.mark.parametrize("name", SCENES)
 def test_captured_scenes_look_the_same(gpu: Gpu, name: str, tmp_path: Path) -> None:
     if not (SAMPLES / name).exists():

@@ -26,7 +26,7 @@ def seen(loop: Loop) -> Recording:
     return recording(attrs.evolve(loop, duration_s=8.0))
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", range(1))
 def test_estimate_holds_the_delay_in_its_interval(seed: int) -> None:
     loop = drawn(np.random.default_rng(seed), seed)
     found = estimate(recording(loop))
@@ -35,12 +35,14 @@ def test_estimate_holds_the_delay_in_its_interval(seed: int) -> None:
     )
 
 
+@pytest.mark.nightly
 def test_estimate_refuses_bad_recordings() -> None:
     for what, word, made in bad_recordings(duration_s=8.0):
         answer = outcome(made)
         assert not isinstance(answer, LoopDelay) and word in answer, f"{what}: {answer}"
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("why", "loop"),
     [
@@ -62,6 +64,7 @@ def test_estimate_refuses_cameras_that_mix_frames_or_are_in_step(why: str, loop:
         estimate(seen(loop))
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("loop", "most_ms"),
     [

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import psutil
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.extras.share import output
@@ -24,6 +24,7 @@ from lfpipe.track.head import Head
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.session import Session, SessionManifest
 from tests.extras.share.receivers import lsl_environment
+from tests.support.examples import examples
 from tests.track.test_head import rotation
 
 LSL_NAME = f"outputs{os.getpid()}"
@@ -54,7 +55,7 @@ def neuralnet(turned: np.ndarray, position_mm: np.ndarray) -> list[float]:
     return [-t[2] * 0.1, t[1] * 0.1, -t[0] * 0.1, *np.degrees((yaw, pitch, roll)).tolist()]
 
 
-@settings(max_examples=50)
+@examples(50)
 @given(
     st.tuples(st.floats(-300, 300), st.floats(-200, 200), st.floats(300, 1500)),
     st.tuples(st.floats(-60, 60), st.floats(-40, 40), st.floats(-60, 60)),

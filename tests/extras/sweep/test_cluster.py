@@ -98,7 +98,7 @@ def test_a_cell_that_hangs_or_dies(
     assert outcome.state == state and reason in outcome.reason
 
 
-@pytest.mark.live
+@pytest.mark.nightly
 def test_a_subject_of_the_benchmark_as_a_cell(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

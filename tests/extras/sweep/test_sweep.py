@@ -37,7 +37,7 @@ subjects = ["quality", "replay", "truth"]
 border = [4]
 """
 CELLS = 8
-pytestmark = pytest.mark.live
+pytestmark = pytest.mark.nightly
 
 
 def lines(world: World) -> list[dict[str, Any]]:

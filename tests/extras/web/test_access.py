@@ -165,7 +165,7 @@ def test_the_code_of_the_page_holds_its_address() -> None:
     ]
 
 
-@pytest.mark.live
+@pytest.mark.nightly
 def test_other_devices_get_a_code_on_the_page_and_in_a_terminal(world: World) -> None:
     with served(world, "0.0.0.0:0") as server:
         page = server.ask("GET", "/")[1].decode()
@@ -194,6 +194,7 @@ def stranger() -> Iterator[tuple[str, list[str]]]:
         served.shutdown()
 
 
+@pytest.mark.nightly
 def test_page_in_a_browser_gives_other_pages_nothing(
     live_server: Server, stranger: tuple[str, list[str]], tmp_path: Path
 ) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 
 import psutil
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from tornado.iostream import IOStream
 from tornado.web import Application
@@ -25,6 +25,7 @@ from lfpipe.extras.web.server import Server as PageServer
 from lfpipe.host.limits import allow_files
 from tests.extras.web.server import Server, served
 from tests.supervisor.states import messages, values
+from tests.support.examples import examples
 from tests.support.world import World, until
 
 HALVES = (
@@ -256,7 +257,7 @@ BODIES = st.one_of(
 
 
 def test_ctl_of_the_page_answers_any_body_and_goes_on(live_server: Server) -> None:
-    @settings(max_examples=200, suppress_health_check=list(HealthCheck))
+    @examples(200, suppress_health_check=list(HealthCheck))
     @given(BODIES)
     def attack(body: bytes) -> None:
         status, data = live_server.ask("POST", "/ctl", body)

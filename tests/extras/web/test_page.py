@@ -13,6 +13,7 @@ from tests.support.browser import Browser, missing
 from tests.support.world import World, until
 
 
+@pytest.mark.nightly
 def test_page_picture_is_lent_at_full_chroma_and_taken_back(
     live: World, live_server: Server
 ) -> None:
@@ -46,7 +47,7 @@ def test_page_picture_is_lent_at_full_chroma_and_taken_back(
         )
 
 
-@pytest.mark.everyday
+@pytest.mark.nightly
 def test_page_in_a_browser_moves_charts_and_takes_controls(
     world: World, scene: Path, server: Server, tmp_path: Path
 ) -> None:
@@ -139,7 +140,7 @@ SHOWN = "[...document.querySelectorAll('*')].filter((one) => one.offsetParent)"
 TEXT = f"{SHOWN}.filter((one) => !one.children.length).map((one) => one.textContent).join()"
 
 
-@pytest.mark.live
+@pytest.mark.nightly
 def test_page_without_a_camera_looks_around_and_presses_keys(
     world: World, scene: Path, server: Server, tmp_path: Path
 ) -> None:
