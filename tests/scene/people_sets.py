@@ -3,6 +3,7 @@
 `tests/scene/test_people_sets.py` tests them, and `python -m profiling.scene_layouts` lists them.
 """
 
+import unicodedata
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from lfpipe.scene import files as scene_files
 from lfpipe.scene.analysis import analyse_scene
 from lfpipe.scene.lightfield import HARDLY_FIT
 from tests.scene import heic, made
+from tests.scene.test_pictures import jpeg, two_streams
 from tests.scene.writers import (
     HCI,
     Make,
@@ -33,6 +35,7 @@ from tests.scene.writers import (
     together,
     walk,
 )
+from tests.support.stereo_files import PANORAMA, THUMBNAIL, UNDEFINED, indexed
 
 Cure = Callable[[Path], tuple[Path, config.Scene]]
 
@@ -263,6 +266,21 @@ def burst(group: tuple[bytes, int, int] | None) -> Make:
     return lambda folder: heic.write(folder / "burst.heic", [PHOTO] * 3, group)
 
 
+def cut_heic(keep: float) -> Make:
+    def make(folder: Path) -> Path:
+        path = heic.write(folder / "a.heic", [LEFT, RIGHT], (b"ster", 1, 2))
+        path.write_bytes(path.read_bytes()[: int(keep * path.stat().st_size)])
+        return path
+
+    return make
+
+
+def second_stream(folder: Path) -> Path:
+    path = two_streams(folder / "a.mov", [LEFT] * 4)
+    path.write_bytes(path.read_bytes() + b"hdlr" + bytes(8) + b"vide")
+    return path
+
+
 def without_views(folder: Path) -> Path:
     np.savez(folder / "a.npz", other=TWELVE, more=TWELVE)
     return folder / "a.npz"
@@ -304,6 +322,26 @@ LARGE_TILES = np.array(
 )
 FRAMED = made.views(4, 6, 90, 120).copy()
 FRAMED[:, :, :12], FRAMED[:, :, -9:], FRAMED[:, :, :, :15], FRAMED[:, :, :, -15:] = 0, 0, 0, 0
+MORE = "1 more picture in x.jpg"
+TILES45 = one("45_01.png", quilt(9, 5, 0.5))
+ODD_PLACES = "row 1 column 2, row 2 column 1"
+ODD_VIEWS: tuple[tuple[str, str, str, str, list[Make]], ...] = (
+    (
+        "hci",
+        HCI,
+        "input_Cam006.png",
+        "input_Cam009.png",
+        [one("parameters.cfg", b"[extrinsics]\nnum_cams_x = 4\nnum_cams_y = 4\n")],
+    ),
+    ("rows-cols", "{r:03d}_{c:03d}.png", "001_002.png", "002_001.png", []),
+    (
+        "stanford",
+        "out_{r:02d}_{c:02d}_{r}_{c}_.png",
+        "out_01_02_1_2_.png",
+        "out_02_01_2_1_.png",
+        [],
+    ),
+)
 NOTHING = "nothing moves between these pictures"
 FAR = "the views are too far apart"
 
@@ -826,6 +864,109 @@ SETS: dict[str, list[PeopleSet]] = {
             "npz: no views",
             without_views,
             "no array 'views'",
+        ),
+    ],
+    "what files say": [
+        *(
+            opens(
+                f"an index of pictures, {kind}",
+                one("x.jpg", indexed([jpeg(LEFT), jpeg(second)], kinds)),
+                opened,
+                text=text,
+            )
+            for kind, kinds, second, opened, text in (
+                ("of no kind", [UNDEFINED] * 2, RIGHT, "stereo 1x2", ""),
+                ("unlike", [UNDEFINED] * 2, made.texture(192, 256, 3), "picture 1x1", MORE),
+                ("of a panorama", [PANORAMA] * 2, RIGHT, "picture 1x1", MORE),
+                ("a thumbnail", [UNDEFINED, THUMBNAIL], RIGHT[::4, ::4], "picture 1x1", MORE),
+            )
+        ),
+        *(
+            opens(
+                f"JPEGs that end with {ending!r}",
+                together(
+                    *(
+                        one(f"view_{r}_{c}{ending}", jpeg(TWELVE[r, c]))
+                        for r, c in np.ndindex(3, 3)
+                    ),
+                    one("notes", b"no picture"),
+                ),
+                "rows-cols 3x3",
+            )
+            for ending in ("", ".jfif", ".jpe", ".insp", ".JPEG_large", ".0001")
+        ),
+        *(
+            refuses(f"{word} as {name}", one(name, data + bytes(40)), word, AS_VIEWS)
+            for name, data, word in (
+                ("a.tga", b"\0\0\2", "lfpipe reads PNG"),
+                ("a.jpg", b"\xff\x0a", "JPEG XL"),
+                ("a.png", b"<!DOCTYPE html>", "web page"),
+                ("a.tif", b"%PDF-1.4", "PDF"),
+                ("a.webp", b"\0\0\0\x18ftypmp42", "a video"),
+            )
+        ),
+        *(
+            refuses(
+                f"{odd} has 16 bits",
+                together(grid(TWELVE), one(odd, TWELVE[0, 0].astype(np.uint16) * 257)),
+                f"{odd}: has 16-bit",
+                AS_VIEWS,
+            )
+            for odd in ("view_00_00.png", "view_01_01.png")
+        ),
+        opens(
+            "accents written in two ways",
+            together(
+                *(
+                    one(
+                        unicodedata.normalize("NFD" if r == 1 else "NFC", f"é_{r}_{c}.png"),
+                        TWELVE[r, c],
+                    )
+                    for r, c in np.ndindex(3, 3)
+                )
+            ),
+            "rows-cols 3x3",
+        ),
+        *(
+            opens(f"a quilt of nothing, {name}", one(f"x_{name}.png", LEFT), "picture 1x1")
+            for name in ("qs0x0a0", "qs0x9", "qs5x0a0.75")
+        ),
+        *(
+            refuses(
+                f"halves of {width}x{height} px",
+                one("x.jps", jpeg(cv2.resize(LEFT, (width, height)))),
+                "too small to show anything",
+                AS_PAIR,
+            )
+            for width, height in ((1, 48), (48, 1), (1, 1), (23, 48))
+        ),
+        *(
+            refuses(f"HEIC cut at {keep:.0%}", cut_heic(keep), "PATH: not a readable", AS_PAIR)
+            for keep in (0.2, 0.6, 0.98)
+        ),
+        refuses(
+            "a stream that is declared and not there", second_stream, "the second video stream"
+        ),
+        refuses(
+            "a video of two pictures beside each other",
+            film([made.mosaic(np.array([[LEFT, made.texture(192, 256, 3)]]))] * 5),
+            "form no grid",
+            again(grid="1x2"),
+        ),
+        *(
+            opens(
+                f"{layout}, one view missing and one of another size",
+                together(grid(made.views(4, 4, 64, 80), name, gone), one(odd, VIEW), *beside),
+                f"{layout} 4x4",
+                text=text,
+            )
+            for layout, name, gone, odd, beside in ODD_VIEWS
+            for text in ("2 of 4x4 views missing, copied from others: " + ODD_PLACES, "(64x48 px)")
+        ),
+        *(
+            opens(f"45 tiles as a {layout} {text}", TILES45, opened, layout=layout, grid=text)
+            for layout, opened in (("quilt", "quilt 1x45"), ("mosaic", "mosaic 9x5"))
+            for text in ("", "9x5")
         ),
     ],
 }

@@ -144,25 +144,6 @@ def test_hci_with_geometry_and_truth_of_two_views(tmp_path: Path) -> None:
     assert np.array_equal(source.truth[1, 1](), TRUTH)
 
 
-@pytest.mark.parametrize("layout", ["hci", "rows-cols", "stanford"])
-def test_views_that_are_missing_or_of_another_size_are_named(tmp_path: Path, layout: str) -> None:
-    name = {
-        "hci": HCI,
-        "rows-cols": "{r:03d}_{c:03d}.png",
-        "stanford": "out_{r:02d}_{c:02d}_{r}_{c}_.png",
-    }[layout]
-    grid(made.views(4, 4, 64, 80), name, parameters_cfg=CFG.format(4, 4))(tmp_path)
-    gone, odd = (tmp_path / name.format(r=r, c=c, n=4 * r + c) for r, c in ((1, 2), (2, 1)))
-    gone.unlink()
-    made.write(odd, GRID[0, 0, :-2])
-    source = described(tmp_path, layout)
-    assert (source.rows, source.cols, source.missing) == (4, 4, frozenset({(1, 2), (2, 1)}))
-    assert (
-        "2 of 4x4 views missing, copied from others: row 1 column 2, row 2 column 1" in source.notes
-    )
-    assert any(f"{odd.name} (80x62 px)" in note for note in source.notes)
-
-
 def test_truth_of_the_first_hci_data_set(tmp_path: Path) -> None:
     source = described(h5(SQUARE[:, ::-1], depth=DEPTH)(tmp_path), "hci-old")
     assert np.allclose(source.truth[1, 1](), TRUTH, atol=1e-4)
@@ -264,19 +245,6 @@ def test_a_pfm_map_without_a_scale_is_refused(tmp_path: Path, scale: str) -> Non
     (tmp_path / "x.pfm").write_bytes(f"Pf\n4 3\n{scale}\n".encode() + bytes(48))
     with pytest.raises(UserError, match=r"x\.pfm: not a readable PFM map"):
         read_pfm(tmp_path / "x.pfm")
-
-
-@pytest.mark.parametrize(("layout", "shape"), [("quilt", (1, 45)), ("mosaic", (9, 5))])
-@pytest.mark.parametrize("text", ["", "9x5"])
-def test_what_the_doubt_about_a_quilt_offers(
-    tmp_path: Path, layout: str, shape: tuple[int, int], text: str
-) -> None:
-    tiles = made.views(1, 45, 150, 200, 0.5, -0.3)[0].reshape(9, 5, 150, 200, 3)
-    made.write(tmp_path / "45_01.png", made.mosaic(tiles[::-1]))
-    source = described(tmp_path, layout, config.Scene(layout=layout, grid=text))
-    assert (source.rows, source.cols) == shape
-    if not text:
-        assert np.array_equal(described(tmp_path, "mosaic").read(0, 0, 5), tiles[1, 0])
 
 
 def test_light_field_video_from_pictures_and_from_a_file(tmp_path: Path) -> None:

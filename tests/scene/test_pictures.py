@@ -176,22 +176,6 @@ def test_two_streams_are_a_pair_or_named(
     assert ("another package" in caught.value.message) == pair
 
 
-def test_a_stream_that_is_declared_and_not_there_is_named(tmp_path: Path) -> None:
-    path = two_streams(tmp_path / "a.mov", [OTHER] * 4)
-    path.write_bytes(path.read_bytes() + b"hdlr" + bytes(8) + b"vide")
-    with pytest.raises(UserError, match="the second video stream"):
-        layouts.describe(path, AUTO)
-
-
-def test_a_video_opens_with_the_grid_that_its_remedy_asks_for(tmp_path: Path) -> None:
-    path = film([made.mosaic(np.array([[LEFT, OTHER]]))] * 5)(tmp_path)
-    with pytest.raises(UserError, match=r"form no grid") as caught:
-        layouts.describe(path, AUTO)
-    assert "--set scene.grid=ROWSxCOLS" in caught.value.remedy
-    source = layouts.describe(path, config.Scene(grid="1x2"))
-    assert (source.layout, source.rows, source.cols, source.frames) == ("mosaic-video", 1, 2, 5)
-
-
 @pytest.mark.parametrize("form", WITH_DEPTH)
 def test_near_moves_to_the_left_as_the_camera_moves_to_the_right(tmp_path: Path, form: str) -> None:
     source = layouts.describe(WITH_DEPTH[form](tmp_path), AUTO)
@@ -283,20 +267,3 @@ def test_a_portrait_with_depth_becomes_views(tmp_path: Path) -> None:
     turned = layouts.describe(one("turned.jpg", with_exif(PORTRAIT, 6))(tmp_path), AUTO)
     upright = source.truth[2, 4]() / source.width_px
     assert np.allclose(turned.truth[2, 4]() / turned.width_px, np.rot90(upright, -1), atol=1e-4)
-
-
-def test_a_wiggle_opens_as_a_line_of_views(tmp_path: Path) -> None:
-    line = made.views(1, 7, 96, 128, 3.0, 0.5)[0]
-    first, *more = map(Image.fromarray, line)
-    first.save(tmp_path / "wiggle.gif", save_all=True, append_images=more, duration=100)
-    source = layouts.describe(tmp_path, AUTO)
-    assert (source.layout, source.rows, source.cols) == ("gif", 1, 7)
-    assert np.abs(source.read(0, 0, 6).astype(int) - line[6]).mean() < 12  # 256 colours
-
-
-@pytest.mark.parametrize("keep", [0.2, 0.6, 0.98])
-def test_a_truncated_heic_is_refused(tmp_path: Path, keep: float) -> None:
-    path = heic.write(tmp_path / "a.heic", [LEFT, RIGHT], group=(b"ster", 1, 2))
-    path.write_bytes(path.read_bytes()[: int(keep * path.stat().st_size)])
-    with pytest.raises(UserError, match=r"a\.heic"):
-        layouts.describe(path, AUTO).read(0, 0, 0)

@@ -3,7 +3,6 @@
 import contextlib
 import random
 import struct
-import unicodedata
 from pathlib import Path
 
 import cv2
@@ -23,9 +22,7 @@ from tests.scene.writers import one
 from tests.support.films import write_av1
 from tests.support.stereo_files import (
     DISPARITY,
-    PANORAMA,
     THUMBNAIL,
-    UNDEFINED,
     described,
     indexed,
 )
@@ -73,22 +70,6 @@ def test_the_index_of_a_jpeg_decides_whatever_its_ending(
     assert ("2 more pictures" in notes) == (len(pictures) == 4)
 
 
-def test_pictures_of_an_index_that_are_no_pair_are_named(tmp_path: Path) -> None:
-    other = made.texture(192, 256, 3)
-    for kinds, second, cols in (
-        ([UNDEFINED] * 2, RIGHT, 2),
-        ([UNDEFINED] * 2, other, 1),
-        ([PANORAMA] * 2, RIGHT, 1),
-        ([UNDEFINED, THUMBNAIL], SMALL, 1),
-    ):
-        path = one("x.jpg", indexed([jpeg(LEFT), jpeg(second)], kinds))(tmp_path)
-        source = layouts.describe(path, AUTO)
-        assert source.cols == cols
-        assert cols == 2 or "1 more picture in x.jpg" in " ".join(source.notes)
-    three = indexed([jpeg(view) for view in (LEFT, MIDDLE, RIGHT)], [DISPARITY] * 3)
-    assert order(one("x.jpg", three)(tmp_path)) == ["left", "middle", "right"]
-
-
 def test_a_card_of_pairs_and_their_flat_twins_is_a_playlist_of_pairs(tmp_path: Path) -> None:
     pair = indexed([jpeg(LEFT), jpeg(RIGHT)], [DISPARITY] * 2)
     for number in range(3):
@@ -121,29 +102,6 @@ def test_the_descriptor_of_a_stereo_jpeg_beats_custom(tmp_path: Path, name: str)
     assert layouts.describe(shown(LEFT, BESIDE, 0, kind=0), AUTO).cols == 1
     with pytest.raises(UserError, match="interleaved"):
         layouts.describe(shown(LEFT, INTERLEAVED, LEFT_FIRST), AUTO)
-
-
-@pytest.mark.parametrize("ending", ["", ".jfif", ".jpe", ".insp", ".JPEG_large", ".0001"])
-def test_jpegs_open_whatever_their_ending(tmp_path: Path, ending: str) -> None:
-    for row, col in np.ndindex(3, 3):
-        one(f"view_{row}_{col}{ending}", jpeg(VIEWS[row, col]))(tmp_path)
-    (tmp_path / "notes").write_text("no picture")
-    source = layouts.describe(tmp_path, AUTO)
-    assert (source.rows, source.cols) == (3, 3)
-    assert layouts.describe(source.files[0], AUTO).layout == "picture"
-
-
-def test_kinds_that_are_not_read_are_named_with_a_way_out(tmp_path: Path) -> None:
-    for name, data, word in (
-        ("a.tga", b"\0\0\2", "lfpipe reads PNG"),
-        ("a.jpg", b"\xff\x0a" + bytes(40), "JPEG XL"),
-        ("a.png", b"<!DOCTYPE html>" + bytes(40), "web page"),
-        ("a.tif", b"%PDF-1.4" + bytes(40), "PDF"),
-        ("a.webp", b"\0\0\0\x18ftypmp42" + bytes(40), "a video"),
-    ):
-        with pytest.raises(UserError, match=word) as refused:
-            layouts.describe(one(name, data)(tmp_path), AUTO)
-        assert refused.value.remedy
 
 
 ENDS = ("jpg", "png", "tif", "webp", "bmp", "ppm", "gif", "avif", "heic")
@@ -220,35 +178,6 @@ def test_transparent_parts_are_grey_and_said(tmp_path: Path) -> None:
         Image.fromarray(view).save(tmp_path / "views" / f"view_{row:02d}_{col:02d}.png")
     notes = " ".join(layouts.describe(tmp_path / "views", AUTO).notes)
     assert "over grey: view_00_00.png" in notes and "5 more" in notes
-
-
-def test_the_odd_view_is_named_wherever_it_is(tmp_path: Path) -> None:
-    for odd in ("view_00_00.png", "view_01_01.png"):
-        folder = made.write_grid(tmp_path / odd, VIEWS)
-        made.write(folder / odd, VIEWS[0, 0].astype(np.uint16) * 257)
-        with pytest.raises(UserError, match=f"{odd}: has 16-bit"):
-            layouts.describe(folder, AUTO)
-
-
-def test_accents_in_names_count_once_however_they_are_written(tmp_path: Path) -> None:
-    for row, col in np.ndindex(3, 3):
-        name = f"é_{row}_{col}.png"
-        name = unicodedata.normalize("NFD", name) if row == 1 else name
-        made.write(tmp_path / name, VIEWS[row, col])
-    source = layouts.describe(tmp_path, AUTO)
-    assert (source.rows, source.cols) == (3, 3)
-
-
-@pytest.mark.parametrize("name", ["x_qs0x0a0.png", "x_qs0x9.png", "x_qs5x0a0.75.png"])
-def test_a_quilt_of_nothing_is_a_picture(tmp_path: Path, name: str) -> None:
-    assert layouts.describe(one(name, LEFT)(tmp_path), AUTO).layout == "picture"
-
-
-@pytest.mark.parametrize("size", [(1, 48), (48, 1), (1, 1), (23, 48)])
-def test_halves_too_small_for_a_view_are_refused(tmp_path: Path, size: tuple[int, int]) -> None:
-    small = cv2.resize(LEFT, size)
-    with pytest.raises(UserError, match="too small to show anything"):
-        layouts.describe(one("x.jps", jpeg(small))(tmp_path), AUTO)
 
 
 def test_a_codec_that_opencv_lacks_is_read_by_pyav_or_named(
