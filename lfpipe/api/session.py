@@ -494,7 +494,21 @@ def _command_line(
 
 
 def _by_parameter(text: str) -> str:
-    """A command's message about its options, as one about the parameters of `Session`."""
-    text = re.sub(r"--(camera|display|trace) '?([^\s,;']*[^\s,;':])'?", r"\1='\2'", text)
-    text = re.sub(r"--(camera|display|trace)\b", r"\1", text)
-    return re.sub(r"--session( name)?\b", "name", text)
+    """A command's message about its options, as one about the parameters of `Session`. What stands
+    in backticks remains: it is typed in a terminal.
+    """
+    parts = text.split("`")
+    for k, part in enumerate(parts[::2]):
+        part = re.sub(r"--session( NAME)?\b", "name", part)
+        part = re.sub(r"--set ([\w.]+)=([^\s,;)]+)", _setting, part)
+        part = re.sub(r"--(camera|display|trace) '?([^\s,;']*[^\s,;':])'?", r"\1='\2'", part)
+        parts[2 * k] = re.sub(r"--(camera|display|trace)\b", r"\1", part)
+    return "`".join(parts)
+
+
+def _setting(found: re.Match[str]) -> str:
+    try:
+        value = json.loads(found[2])
+    except ValueError:  # a text
+        value = found[2]
+    return f"settings={ {found[1]: value} }"

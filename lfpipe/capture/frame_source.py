@@ -68,6 +68,8 @@ class Frame:
     """What t_sensor_ns was derived from."""
     shuttered: bool = False
     """The camera's privacy switch is on."""
+    offset_ns: int = 0
+    """Of cameras in a row: between their first and their last frame of this picture."""
 
 
 class FrameSource(Protocol):

@@ -37,13 +37,11 @@ def check_live(text: str, config: Config) -> LiveSource:
     Raises UserError.
     """
     source, own = _split(text.removeprefix(LIVE))
-    asked_px = _pair(own, "size", "x")
-    if isinstance(kind := parse_source(source), RowKind):
-        width, height = asked_px or config.camera.frame_px
-        asked_px = width * len(kind.cameras), height
-    camera = live_camera(config, asked_px or config.camera.frame_px)
-    info = probe_source(source, camera)
-    frame_px = asked_px or info.size_px
+    kind = parse_source(source)
+    width, height = _pair(own, "size", "x") or config.camera.frame_px
+    asked_px = width * (len(kind.cameras) if isinstance(kind, RowKind) else 1), height
+    info = probe_source(source, live_camera(config, asked_px))
+    frame_px = asked_px if "size" in own else info.size_px
     (rows, cols), across = _grid(text, source, own, frame_px)
     live = LiveSource(
         source=source,

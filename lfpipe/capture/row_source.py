@@ -8,64 +8,74 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.capture.frame_source import Frame, FrameSource
-from lfpipe.errors import UserError
+from lfpipe.files.decoding import fit_area, fit_note, fitted
 
 # Channels follow those of the first camera by a gain, of which this share is taken from each frame:
 # within seconds, without reacting to what only one camera sees.
 GAIN_SHARE, LARGEST_GAIN = 0.02, 1.5
 TOLD_GAIN = 0.05  # a larger change is reported
 SMALL_PX = (32, 24)  # at which brightness is compared
+JITTER_NS = 2_000_000  # of stamps: a frame that is nearer by less is no better
+MOST_SKIPPED = 8  # frames of a camera, whose driver may have kept as many
 
 
 class RowSource:
-    """Frames of cameras in a row. One that is further than half a frame from the first camera's is
-    left out; brightness and white balance follow those of the first camera.
+    """Frames of cameras in a row: of each camera, the one that is nearest in time to those of the
+    others; brightness and white balance follow those of the first camera.
     """
 
-    def __init__(self, sources: Sequence[FrameSource]) -> None:
-        """sources: from left to right, open, of frames of one size."""
+    def __init__(self, sources: Sequence[FrameSource], tile_px: tuple[int, int]) -> None:
+        """sources: from left to right, open. tile_px: the most of a picture that one may take."""
         self._sources = sources
         first = sources[0].info
-        width, height = first.size_px
-        sizes_px = [source.info.size_px for source in sources]
-        if any(w * height != h * width for w, h in sizes_px):  # others are scaled
-            sizes = ", ".join(f"{w}x{h}" for w, h in sizes_px)
-            raise UserError(
-                f"cameras in a row deliver {sizes} px", "choose one size with ?size=WxH"
-            )
-        self._half_ns = round(0.5e9 / max(first.rate_hz, 1.0))
+        _, _, width, height = fit_area(first.size_px, tile_px)
+        self._periods_ns = [round(1e9 / max(source.info.rate_hz, 1.0)) for source in sources]
         self._pictures = [np.empty((height, width, 3), np.uint8) for _ in sources]
         self._gains = np.ones((len(sources), 3))
         self._told_gains = self._gains.copy()
-        self.offset_ns = 0
-        """Between the first and the last frame of the newest picture."""
+        sizes_px = {source.info.size_px for source in sources} - {(width, height)}
+        scaled = [fit_note(size_px, (width, height)) for size_px in sorted(sizes_px)]
+        notes = tuple(dict.fromkeys([*first.notes, *scaled]))
         name = ",".join(source.info.name for source in sources)
         self.info = attrs.evolve(
-            first, name=name, size_px=(width * len(sources), height), jpeg=False
+            first, name=name, size_px=(width * len(sources), height), jpeg=False, notes=notes
         )
+        self._notes = notes
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
         """See `FrameSource.read`."""
-        frames = [
-            source.read(picture)
-            for source, picture in zip(self._sources, self._pictures, strict=True)
-        ]
-        while True:
-            known = [frame for frame in frames if frame is not None]
-            if len(known) < len(frames):
-                return None
-            stamps = [frame.t_sensor_ns for frame in known]
-            oldest = int(np.argmin(stamps))
-            self.offset_ns = max(stamps) - min(stamps)
-            if self.offset_ns <= self._half_ns:
+        frames = [self._next(k) for k in range(len(self._sources))]
+        for _ in range(MOST_SKIPPED):
+            if None in frames or not (late := self._late([f.t_sensor_ns for f in frames if f])):
                 break
-            frames[oldest] = self._sources[oldest].read(self._pictures[oldest])
-        for k, tile in enumerate(np.split(out, len(frames), axis=1)):
+            for k in late:
+                frames[k] = self._next(k)
+        known = [frame for frame in frames if frame is not None]
+        if len(known) < len(frames):
+            return None
+        for k, tile in enumerate(np.split(out, len(known), axis=1)):
             self._match(k)
-            cv2.multiply(self._pictures[k], np.append(self._gains[k], 1.0), dst=tile)
+            matched = cv2.multiply(self._pictures[k], np.append(self._gains[k], 1.0))
+            fitted(np.asarray(matched, np.uint8), tile)
         self._report()
-        first = known[0]
-        return attrs.evolve(first, packet=None)
+        stamps = [frame.t_sensor_ns for frame in known]
+        return attrs.evolve(known[0], packet=None, offset_ns=max(stamps) - min(stamps))
+
+    def _next(self, k: int) -> Frame | None:
+        return self._sources[k].read(self._pictures[k])
+
+    def _late(self, stamps: list[int]) -> list[int]:
+        """The cameras whose next frames are nearer to the frames of the others; [] if these frames
+        are the nearest that there are.
+        """
+        order = sorted(range(len(stamps)), key=stamps.__getitem__)
+
+        def spread_ns(late: int) -> int:
+            after = [stamps[k] + self._periods_ns[k] * (k in order[:late]) for k in order]
+            return max(after) - min(after)
+
+        best = min(range(len(order)), key=spread_ns)
+        return order[:best] if spread_ns(best) < spread_ns(0) - JITTER_NS else []
 
     def _match(self, k: int) -> None:
         """Follows the brightness of the first camera's channels."""
@@ -90,7 +100,7 @@ class RowSource:
                 f" x{red:.2f}"
                 for k, (blue, green, red) in enumerate(self._gains[1:].tolist(), 2)
             )
-            self.info = attrs.evolve(self.info, notes=(*self._sources[0].info.notes, *gains))
+            self.info = attrs.evolve(self.info, notes=(*self._notes, *gains))
 
     def close(self) -> None:
         for source in self._sources:

@@ -280,6 +280,14 @@ class RowKind(SourceKind):
     def live(self) -> bool:  # type: ignore[override]
         return self.cameras[0].live
 
+    @property
+    def time_limit_s(self) -> float:  # type: ignore[override]
+        return self.cameras[0].time_limit_s * len(self.cameras)
+
+    @property
+    def remedy(self) -> str:  # type: ignore[override]
+        return self.cameras[0].remedy
+
     def __str__(self) -> str:
         return f"row:{','.join(self.names)}"
 
@@ -299,7 +307,7 @@ class RowKind(SourceKind):
                 follow = getattr(other, "follow", None)  # of a V4L2 camera, which has controls
                 if follow is not None and type(other) is type(opened[0]):
                     follow(opened[0])
-            return RowSource(opened)
+            return RowSource(opened, one.frame_px)
         except BaseException:
             for source in opened:
                 source.close()

@@ -220,6 +220,7 @@ class CaptureStage:
             context.row.count_output(frame.source_seq)
             context.row.record_latency(t_read_ns - t_sensor_ns, busy_ns, t_ns - t_sensor_ns)
             context.row["cpu_ns"] = time.process_time_ns()
+            context.row["offset_us"] = frame.offset_ns // 1000
             if self._recorder is not None and self._recorder.active:
                 self._record(frame, t_sensor_ns, t_read_ns, picture)
         self._content.add(picture, frame.t_sensor_ns)  # which would delay the frame

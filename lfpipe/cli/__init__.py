@@ -175,6 +175,8 @@ def machine_errors() -> Iterator[None]:
         remedy = (
             "free some space"
             if error.errno in (errno.ENOSPC, errno.EDQUOT)
+            else "set TMPDIR to a folder that you may write to"
+            if "temporary directory" in str(error)
             else "check that path and its permissions"
         )
         raise UserError(

@@ -17,6 +17,7 @@ import numpy as np
 
 from lfpipe.capture.open_source import camera_name, camera_settings, check_source, clock_of
 from lfpipe.capture.recordings import open_recording
+from lfpipe.capture.schedule import STAMP_ROUNDING_NS, Schedule
 from lfpipe.cli.launch import exit_code
 from lfpipe.cli.options import CAMERA, DURATION, PATH, Number, with_config
 from lfpipe.cli.plugged import Group
@@ -208,6 +209,7 @@ def import_(video: Path, out: Path, truth: Path | None) -> None:
         (width_px, height_px), rate_hz = frames.info.size_px, frames.info.rate_hz
         if not rate_hz:
             raise UserError(f"{video}: has no frame rate", "give a video (avi, mkv, mp4, ...)")
+        schedule = Schedule(rate_hz, 0 if frames.exact else STAMP_ROUNDING_NS)
         picture = np.empty((height_px, width_px, 3), np.uint8)
         with new_sequence(
             out, f"file:{video.name}", (width_px, height_px), rate_hz, versions=versions()
@@ -218,7 +220,7 @@ def import_(video: Path, out: Path, truth: Path | None) -> None:
                     if frame.packet is not None
                     else ("png", encoded(picture))
                 )
-                t_ns = round(writer.count * 1e9 / rate_hz)
+                t_ns = schedule.due_ns(writer.count, frame.stamp_ns)
                 writer.append(packet, codec, writer.count, 0, t_ns, t_ns)
             if truth is not None:
                 with create_private(out / TRUTH) as file, open_regular(truth) as table:

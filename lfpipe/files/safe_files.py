@@ -19,6 +19,8 @@ from lfpipe.host.files import CAREFUL, CREATING
 PRIVATE = 0o600  # of a file that records a face or its movements; its folder has PRIVATE_FOLDER
 PRIVATE_FOLDER = 0o700
 MAX_FILE_BYTES = 1 << 36  # an hour of lossless light-field video is smaller
+# of what Git LFS checks out in the place of a file (its specification)
+MAX_POINTER_BYTES, LFS_POINTER = 1024, b"version https://git-lfs."
 LONGEST_LINE = 1 << 16  # bytes of a `LineFile`; limit of the search for the end of the last line
 WORK_NAME = re.compile(r"\.lfpipe-[0-9a-f]{16}\.new.{0,40}")  # of `replaced`
 _watchers: list[Callable[[Path], None]] = []
@@ -69,12 +71,20 @@ def open_regular(path: Path) -> BufferedReader:
     """Opens path for reading.
 
     Raises OSError if it is not a regular file: a FIFO would block, a device may do anything.
+    UserError for what Git LFS leaves in the place of a file that it has not fetched.
     """
     check_regular(path)
     file = open(path, "rb", opener=_open_carefully)  # noqa: SIM115
-    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+    about = os.fstat(file.fileno())
+    if not stat.S_ISREG(about.st_mode):
         file.close()
         raise OSError(errno.EINVAL, "changed while it was opened", str(path))
+    if about.st_size < MAX_POINTER_BYTES and file.peek().startswith(LFS_POINTER):
+        file.close()
+        raise UserError(
+            f"{path}: a pointer of Git LFS, not the file itself: `git lfs pull` fetches it",
+            "run `git lfs pull`; in CI, check out with `lfs: true`",
+        )
     return file
 
 

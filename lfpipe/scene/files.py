@@ -91,7 +91,7 @@ def _begins_as_picture(path: Path) -> bool:
     """Whether a file begins like a picture whose format no other kind of file shares (raw pictures
     of cameras begin like TIFF).
     """
-    with contextlib.suppress(OSError), open_regular(path) as file:
+    with contextlib.suppress(OSError, UserError), open_regular(path) as file:
         return bool(_BEGINNING.match(file.read(12)))
     return False
 

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import picture_of
 from lfpipe.files.pictures import MAX_DECODING_BYTES, header_of
-from lfpipe.files.safe_files import PRIVATE, check_regular, lines, open_regular, reason
+from lfpipe.files.safe_files import PRIVATE, lines, open_regular, reason
 from lfpipe.files.trace import MAX_NS
 from lfpipe.files.untrusted import json_fields
 from lfpipe.host.files import CREATING, exists
@@ -148,8 +148,8 @@ def read_index(folder: Path, complete: bool, most: int = MAX_PACKETS) -> Packets
     end = 0
     last_ns = -MAX_NS - 1
     try:
-        check_regular(folder / PACKETS)
-        size = (folder / PACKETS).stat().st_size
+        with open_regular(folder / PACKETS) as file:
+            size = os.fstat(file.fileno()).st_size
         for seq, (number, line) in enumerate(lines(path, LINE_BYTES, COPY)):
             if not line.endswith(b"\n"):  # an unfinished line: not yet a frame
                 if complete:

@@ -51,8 +51,9 @@ def test_session_in_a_thread_is_changed_loaded_and_stopped(home: World, scene: P
                     assert other.ask({"cmd": "hello"})["config"]["render"]["method"] == "blend"
                     other.load(np.full((2, 2, 32, 40, 3), 90, np.uint8))
                     refusal(other.set, {"render.method": "wrap"})
-                    assert "already running" in str(
-                        refusal(lfpipe.Session, scene, camera="demo", name=session.name)
+                    taken = refusal(lfpipe.Session, scene, camera="demo", name=session.name)
+                    assert "already running" in taken.message and taken.remedy == (
+                        f"use another name, or end it: `lfpipe ctl --session {session.name} stop`"
                     )
                     session.stop()
                     assert other.wait(60) and session.wait()

@@ -87,6 +87,10 @@ def test_find_monitor_by_number_or_part_of_a_name(wanted: str, number: int) -> N
         ((0.0, 0.0), None),
         ((1920 * 25.4 / 160, 1080 * 25.4 / 90), None),  # 160 x 90 mm is an aspect, no size
         ((96.0, 150.0), None),
+        ((1920 * 25.4 / 1600, 1080 * 25.4 / 900), None),
+        ((1920 * 25.4 / 60, 1080 * 25.4 / 33.75), None),  # 0.03 mm a pixel: finer than any
+        ((1920 * 25.4 / 4000, 1080 * 25.4 / 2250), None),  # 2 mm: a projector's picture
+        ((1920 * 25.4 / 640, 1080 * 25.4 / 480), None),  # 4:3 in mm, 16:9 in pixels
     ],
 )
 def test_pixel_mm_does_not_believe_sizes_that_cannot_be(

@@ -6,10 +6,19 @@ from pathlib import Path
 
 import pytest
 
+from lfpipe import config
+from lfpipe.capture.recordings import open_recording
+from lfpipe.config.check import load
 from lfpipe.errors import UserError
 from lfpipe.files import safe_files
+from lfpipe.replays.report import read_report
+from lfpipe.scene.layouts import describe
+from lfpipe.sequence.folder import open_sequence
+from tests.scene import made
 from tests.support import hostile_files
+from tests.support.hostile_sequences import made_sequence
 from tests.support.processes import open_umask
+from tests.support.refusal import refusal
 
 
 def names(folder: Path) -> list[str]:
@@ -123,3 +132,36 @@ def test_a_file_stays_as_private_as_it_was(tmp_path: Path) -> None:
     path.touch(0o600)
     safe_files.write_file(path, b"", 0o644)
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
+
+
+LFS = b"version https://git-lfs.github.com/spec/v1\noid sha256:%s\nsize 9\n" % (b"0" * 64)
+
+
+@pytest.mark.parametrize(
+    ("name", "read"),
+    [
+        ("walk/frames.bin", open_sequence),
+        ("walk/frames.jsonl", open_sequence),
+        ("walk/manifest.json", open_sequence),
+        ("report.json", lambda path: read_report(path.parent)),
+        ("v.toml", load),
+        ("scene/view_0_1.png", lambda path: describe(path.parent, config.Scene())),
+        ("lf.npy", lambda path: describe(path, config.Scene())),
+        ("film.mp4", lambda path: describe(path, config.Scene())),
+        ("film.avi", open_recording),
+    ],
+)
+def test_pointer_of_git_lfs_is_named_wherever_a_file_is_read(
+    name: str, read: Callable[[Path], object], tmp_path: Path
+) -> None:
+    path = tmp_path / name
+    path.parent.mkdir(exist_ok=True)
+    if path.parent.name == "walk":
+        path.parent.rmdir()
+        made_sequence(path.parent)
+    if path.parent.name == "scene":
+        made.write_grid(path.parent, made.views(1, 3, 24, 32), "view_{r}_{c}.png")
+    path.write_bytes(LFS)
+    error = refusal(read, path.parent if path.parent.name == "walk" else path)
+    assert path.name in error.message and "Git LFS" in error.message
+    assert "git lfs pull" in error.message

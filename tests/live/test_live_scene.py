@@ -185,28 +185,48 @@ def test_cameras_in_a_row_are_paired_by_time_and_matched_in_brightness() -> None
     ms = 1_000_000
     left = Camera([ms * t for t in range(100, 9000, 33)], 120)
     right = Camera([ms * t for t in range(40, 9000, 33)], 100)  # two frames early, then 6 ms late
-    row = RowSource([left, right])
+    row = RowSource([left, right], (64, 48))
     out = np.empty((48, 128, 3), np.uint8)
     assert row.info.size_px == (128, 48)
     frames = []
     while (frame := row.read(out)) is not None:
         frames.append(frame)
-        assert row.offset_ns <= 17 * ms
+        assert frame.offset_ns <= 17 * ms
     assert len(frames) > 200 and frames[0].t_sensor_ns == 100 * ms
     assert abs(int(out[0, 0, 0]) - int(out[0, 127, 0])) <= 2, "as bright as the first"
     (said,) = row.info.notes
     assert said.startswith("camera 2 matched to the first: blue x1.1")
 
 
-def test_cameras_in_a_row_of_another_size_are_scaled_and_of_another_shape_refused() -> None:
-    half = Camera([10], 100)
-    half.info = attrs.evolve(half.info, size_px=(32, 24))
-    row = RowSource([Camera([10], 100), half])
-    out = np.zeros((48, 128, 3), np.uint8)
+@pytest.mark.parametrize("phases_ms", [(0, 11, 22), (0, 30, 0), (5, 0, 20, 12), (0, 1, 200)])
+def test_of_cameras_with_any_phases_the_nearest_frames_are_shown_at_the_full_rate(
+    phases_ms: tuple[int, ...],
+) -> None:
+    ms = 1_000_000
+    sources = [Camera([ms * (p + 33 * k + 1) for k in range(100)], 100) for p in phases_ms]
+    row = RowSource(sources, (64, 48))
+    out = np.zeros((48, 64 * len(sources), 3), np.uint8)
+    frames = []
+    while (frame := row.read(out)) is not None:
+        frames.append(frame)
+    gaps = np.diff(sorted(p % 33 for p in phases_ms), append=33 + min(p % 33 for p in phases_ms))
+    nearest_ms = 33 - max(gaps)
+    assert {round(frame.offset_ns / ms) for frame in frames} == {nearest_ms}
+    assert len(frames) >= 99 - max(phases_ms) // 33, "no frame waits for a better one"
+
+
+@pytest.mark.parametrize("size_px", [(128, 72), (32, 24), (33, 31)])
+def test_cameras_in_a_row_of_another_size_are_scaled_with_a_note(size_px: tuple[int, int]) -> None:
+    sources = [Camera([10], 100), Camera([10], 100)]
+    for source in sources:
+        source.info = attrs.evolve(source.info, size_px=size_px)
+    row = RowSource(sources, (64, 48))
+    width, height = row.info.size_px
+    assert width // 2 <= 64 and height <= 48 and 64 in (width // 2, height * 64 // 48)
+    out = np.zeros((height, width, 3), np.uint8)
     assert row.read(out) is not None and (out == 100).all()
-    half.info = attrs.evolve(half.info, size_px=(32, 32))
-    with pytest.raises(UserError, match="64x48, 32x32"):
-        RowSource([Camera([10], 100), half])
+    (note,) = row.info.notes
+    assert note.startswith(f"frames of {size_px[0]}x{size_px[1]} are scaled to")
 
 
 def test_check_live_reads_cameras_in_a_row(tmp_path: Path) -> None:

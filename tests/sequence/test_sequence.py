@@ -29,6 +29,7 @@ from lfpipe.sequence.packets import (
 )
 from tests.capture.made_files import video
 from tests.support.examples import examples
+from tests.support.films import write_stamped
 from tests.support.hostile_sequences import FRAMES, typed
 from tests.support.processes import largest_file
 from tests.support.refusal import refusal
@@ -139,6 +140,16 @@ def test_import_brings_the_same_pictures_back_and_motion_jpeg_unchanged(
                     back.data(k).rstrip(b"\0") in stored
                     and cv2.PSNR(back.frame(k), sequence.frame(k)) > 35
                 )
+
+
+def test_import_keeps_the_stamps_of_a_clip_whose_rate_varies(tmp_path: Path) -> None:
+    stamps_ms = np.cumsum([0, *[33] * 10, 500, *[100] * 5, *[17] * 9])
+    frames = [np.full((48, 64, 3), 5 * k, np.uint8) for k in range(len(stamps_ms))]
+    write_stamped(tmp_path / "clip.mp4", frames, stamps_ms)
+    typed("import", tmp_path / "clip.mp4", tmp_path / "out")
+    packets = open_sequence(tmp_path / "out").packets
+    read_ms = np.array([packet.t_sensor_ns for packet in packets]) / 1e6
+    assert np.abs(read_ms - stamps_ms).max() <= 1
 
 
 @pytest.mark.parametrize("pace", ["recorded", "max", "60"])

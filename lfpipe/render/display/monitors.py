@@ -16,9 +16,11 @@ from lfpipe.render.display.window_system import pygame
 WIDTH_SHARE = 2 / 3
 HEIGHT_SHARE = 0.85
 INCH_MM = 25.4  # by definition
-ASPECTS_MM = (16.0, 160.0)  # widths in EDIDs that know only an aspect: 160 x 90, 16 x 10, ...
+# widths in EDIDs that know only an aspect: 160 x 90 mm, 16 x 10 mm, 1600 x 900 mm, ...
+ASPECTS_MM = (16.0, 160.0, 1600.0)
 NOMINAL_HZ = 60.0  # if a monitor does not report its rate
 SQUARE = 0.1  # pixels further from square than this: the reported size is invented
+PITCHES_MM = 0.05, 1.5  # of a telephone, and of a wall of LEDs
 
 
 @attrs.frozen(kw_only=True)
@@ -52,14 +54,13 @@ def pixel_mm(dots_per_inch: tuple[float, float], width_px: int) -> float | None:
     size of a monitor.
     """
     across, down = dots_per_inch
+    low_mm, high_mm = PITCHES_MM
     if min(across, down) <= 0 or abs(across / down - 1) > SQUARE:
         return None
     width_mm = width_px * INCH_MM / across
-    return (
-        None
-        if any(abs(width_mm - aspect_mm) < 1 for aspect_mm in ASPECTS_MM)
-        else width_mm / width_px
-    )
+    if any(abs(width_mm - aspect_mm) < 1 for aspect_mm in ASPECTS_MM):
+        return None
+    return width_mm / width_px if low_mm <= width_mm / width_px <= high_mm else None
 
 
 def monitors() -> list[Monitor]:

@@ -128,6 +128,7 @@ def _numpy_arrays(path: Path) -> Mapping[str, NDArray[Any]]:
     with _damage(
         path, "not a readable array", "save it with numpy.save or numpy.savez, without objects"
     ):
+        open_file(path).close()  # which is opened by its path to be mapped
         if path.suffix.lower() == ".npy":
             return {VIEWS: np.load(path, mmap_mode="r", allow_pickle=False)}
         with np.load(path, allow_pickle=False) as held:
