@@ -277,8 +277,7 @@ class CameraSource:
                 sensor_ns, kind = self._clock.middle_ns(
                     raw.stamp_ns, self._kind, read_ns, self._controls.exposure_ns
                 )
-                shuttered = self._controls.shuttered
-                return Frame(self._seq, sensor_ns, read_ns, packet, kind, shuttered)
+                return Frame(self._seq, sensor_ns, read_ns, packet, kind)
             damaged += 1
             log.debug(
                 "camera %s: damaged frame %d of %d bytes", self._path, raw.sequence, raw.data.size

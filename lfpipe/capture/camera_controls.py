@@ -69,8 +69,6 @@ def control_texts(device: V4L2Device) -> list[str]:
         texts.append(f"camera.power_line_hz {hz} [0 to {POWER_LINE_HZ[min(span.maximum, 2)]} Hz]")
     if device.control_range(DYNAMIC_FRAMERATE) is not None:
         texts.append(f"camera.dynamic_framerate {device.control(DYNAMIC_FRAMERATE)} [0 to 1]")
-    if device.shuttered:
-        texts.append("its privacy switch is on: the pictures show nothing")
     return texts
 
 
@@ -80,7 +78,7 @@ class CameraControls(threading.Thread):
 
     notes: for the user, by key, complete once `applied` is set. exposure_ns: as the camera reports
     it, None if it does not.
-    signal: False if nothing is connected to the device's input. shuttered: see `V4L2Device`.
+    signal: False if nothing is connected to the device's input.
     leads: whether another camera takes over its values, of the controls in FOLLOWED that it has.
     leader: the one whose values this one takes over, if any.
     """
@@ -99,7 +97,6 @@ class CameraControls(threading.Thread):
         self.notes: dict[str, str] = {}
         self.exposure_ns: int | None = None
         self.signal = True
-        self.shuttered = False
         self.start()
 
     def run(self) -> None:
@@ -108,7 +105,6 @@ class CameraControls(threading.Thread):
             while True:
                 self.exposure_ns = self._asked("", self._exposure_ns)
                 self.signal = self._device.signal
-                self.shuttered = self._device.shuttered
                 if self.leads:
                     self.values = self._asked("", self._followed_values) or {}
                 if self.leader is not None:

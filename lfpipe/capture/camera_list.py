@@ -9,17 +9,14 @@ import contextlib
 import errno
 import logging
 import threading
-import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from pathlib import Path
 from typing import TypeVar
 
 import attrs
-import numpy as np
 
-from lfpipe.capture.content import has_colour, is_flat
-from lfpipe.capture.pixel_formats import DECODED, GREYS, FrameDecoder
+from lfpipe.capture.pixel_formats import DECODED, GREYS
 from lfpipe.capture.spec import CameraSpec
 from lfpipe.capture.v4l2_device import V4L2Device
 from lfpipe.errors import UserError
@@ -28,7 +25,6 @@ from lfpipe.host.files import exists
 
 SYS, DEV = Path("/sys/class/video4linux"), Path("/dev")
 ANSWER_S = 3.0  # drivers answer in microseconds; a stuck one never does
-FRAMES_S = 2.0  # for automatic exposure to settle
 LIST_S = 30.0  # thousands of calls on an emulated machine
 WITHOUT_CAMERA = "plug it in, or use --camera demo, or a recording with --camera file:PATH"
 LIBCAMERA = (
@@ -176,41 +172,21 @@ def _formats(device: CameraDevice) -> Sequence[str] | None:
         return None
 
 
-def _frames_doubt(device: CameraDevice) -> str:
-    try:
-        return asking(device.path, _doubt_of_frames, ANSWER_S + FRAMES_S)
-    except (OSError, ValueError) as error:
-        log.info("camera %s: %s", device.path, error)
-        return NO_FRAME
-
-
 def ranked(
     devices: Sequence[CameraDevice],
     formats: Callable[[CameraDevice], Sequence[str] | None] = _formats,
-    frames_doubt: Callable[[CameraDevice], str] = _frames_doubt,
 ) -> list[Ranked]:
-    """Cameras, the best to see a face with first, else in their order.
-
-    formats: the pixel formats of one; None if it cannot be asked. frames_doubt: the doubt by its
-    first frames, for which it is started: asked only if several have none by their formats, and
-    until one has none.
+    """Cameras, the best to see a face with first, then by their USB ports, which stay when numbers
+    change. formats: the pixel formats of one; None if it cannot be asked.
     """
-    doubts = {device.path: _doubt(formats(device)) for device in devices}
-    if len(best := [device for device in devices if not doubts[device.path]]) > 1:
-        for device in best:
-            if not (found := frames_doubt(device)):
-                break
-            doubts[device.path] = found
-    by_doubt = sorted(devices, key=lambda device: DOUBTS.index(doubts[device.path]))
-    return [Ranked(device, doubts[device.path]) for device in by_doubt]
+    found = [Ranked(device, _doubt(formats(device))) for device in devices]
+    return sorted(found, key=lambda one: (DOUBTS.index(one.doubt), one.device.place))
 
 
-BLANK = "its first frames show nothing: a shutter, a cover, or no light at all"
-NO_FRAME = "it delivers no frame now"
 UNKNOWN = "its formats are not known"
 GREY_ONLY = "grey pictures only, as of the infrared camera of a face login"
 UNDECODABLE = "no picture that can be decoded"
-DOUBTS = ("", BLANK, NO_FRAME, UNKNOWN, GREY_ONLY, UNDECODABLE)
+DOUBTS = ("", UNKNOWN, GREY_ONLY, UNDECODABLE)
 
 
 def _doubt(formats: Sequence[str] | None) -> str:
@@ -220,25 +196,6 @@ def _doubt(formats: Sequence[str] | None) -> str:
     if not decoded:
         return UNDECODABLE
     return GREY_ONLY if all(name in GREYS for name in decoded) else ""
-
-
-def _doubt_of_frames(device: V4L2Device) -> str:
-    """The doubt by the first frames within FRAMES_S; "" as soon as one shows something. Raises
-    OSError, and ValueError for a mode that cannot be decoded.
-    """
-    height_px, width_px, _ = (frame := np.empty((480, 640, 3), np.uint8)).shape
-    fourcc = next(name for name in device.fourccs() if name in DECODED)
-    until = time.monotonic() + FRAMES_S
-    doubt = NO_FRAME
-    mode = device.configure(fourcc, width_px, height_px, 30.0)
-    with contextlib.closing(FrameDecoder(mode)) as decoder, contextlib.suppress(TimeoutError):
-        device.start()
-        while doubt and (left_s := until - time.monotonic()) > 0:
-            raw = device.read(left_s)
-            if not raw.damaged and decoder.decode(raw.data, frame)[0]:
-                doubt = "" if has_colour(frame) else GREY_ONLY
-                doubt = BLANK if is_flat(frame) else doubt
-    return doubt
 
 
 def first_camera() -> CameraSpec:

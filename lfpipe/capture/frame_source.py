@@ -66,8 +66,6 @@ class Frame:
     """The JPEG it was decoded from, uint8 (n,), if it has the source's own size."""
     stamp: StampKind = StampKind.SCHEDULED
     """What t_sensor_ns was derived from."""
-    shuttered: bool = False
-    """The camera's privacy switch is on."""
     offset_ns: int = 0
     """Of cameras in a row: between their first and their last frame of this picture."""
 

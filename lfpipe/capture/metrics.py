@@ -7,7 +7,5 @@ METRICS = MetricSet(
     *RECORDING,
     Metric("nominal_mhz", Kind.GAUGE, "frames per 1000 s that the camera agreed to deliver"),
     Metric("covered", Kind.FLAG, "its frames show nothing: a shutter, a cover, or no light at all"),
-    Metric("shuttered", Kind.FLAG, "the camera's privacy switch is on, whatever its frames show"),
     Metric("offset_us", Kind.GAUGE, "between the frames of cameras in a row that are shown as one"),
-    Metric("dim", Kind.FLAG, "the camera delivers clearly fewer frames, although none is lost"),
 )

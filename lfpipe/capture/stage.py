@@ -13,14 +13,12 @@ State: READY, not RUNNING, while no camera delivers frames.
 import contextlib
 import logging
 import time
-from collections import deque
 
 import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.capture.content import ContentWatch
-from lfpipe.capture.frame_source import BrokenFrame, Frame, SourceInfo
+from lfpipe.capture.frame_source import BrokenFrame, Frame
 from lfpipe.capture.open_source import camera_settings, check_source, open_source
 from lfpipe.capture.reconnecting_camera import CameraLost
 from lfpipe.capture.schedule import Lateness
@@ -34,39 +32,23 @@ from lfpipe.transport.status import State
 
 log = logging.getLogger(__name__)
 
-LIGHT_FRAMES = 45  # 1.5 s at 30 Hz: their mean interval is the rate
-DIM_SHARE, BRIGHT_SHARE = 0.8, 0.9  # of the negotiated rate
 LATE_PERIODS = 2  # a camera's driver would have kept as many
 # between two frames of a camera while the session is paused, and while nobody looks
 PAUSED_NS, IDLE_NS = SECOND_NS, SECOND_NS // 8
+# standard deviation of a frame, in grey levels, below which it shows nothing: a covered sensor's
+# noise has 1 to 3, a dark room with a face 6 and more
+FLAT_LEVELS = 4.0
+COVERED_NS = SECOND_NS  # a hand passes in less
+EVERY_PX = 16  # of the pixels that are looked at
 
 
-class _LightWatch:
-    """Detects that the camera delivers fewer frames than negotiated although none is lost: probably
-    too little light.
+def flat_since(since_ns: int, frame: NDArray[np.uint8], t_ns: int) -> int:
+    """Since when frames show nothing; 0 if the newest, uint8 (height, width, 3), shows something.
+
+    since_ns: the same of the frame before.
     """
-
-    def __init__(self, context: Context) -> None:
-        self._context = context
-        self.stamps: deque[int] = deque(maxlen=LIGHT_FRAMES)  # of consecutive frames
-
-    def add(self, frame: Frame, info: SourceInfo, lost: int) -> None:
-        """Adds a frame of a live source; lost: frames lost before it."""
-        if lost:
-            self.stamps.clear()
-        self.stamps.append(frame.t_sensor_ns)
-        if len(self.stamps) < LIGHT_FRAMES:
-            return
-        hz = 1e9 * (LIGHT_FRAMES - 1) / max(1, self.stamps[-1] - self.stamps[0])
-        row = self._context.row
-        was = self._context.row["dim"]
-        row["dim"] = hz < (BRIGHT_SHARE if was else DIM_SHARE) * info.rate_hz
-        if row["dim"] and not was:
-            text = (
-                f"{info.name} delivers {hz:.3g} instead of {info.rate_hz:.3g} Hz, probably because"
-                " of too little light"
-            )
-            self._context.notify(text)
+    flat = float(frame[::EVERY_PX, ::EVERY_PX, 1].std()) < FLAT_LEVELS
+    return (since_ns or t_ns) if flat else 0
 
 
 class CaptureStage:
@@ -94,9 +76,7 @@ class CaptureStage:
         self._live = info.live
         late_s = LATE_PERIODS / info.rate_hz if info.rate_hz and not self._lossless else 0.0
         self._lateness = Lateness(int(late_s * 1e9))
-        self._light = _LightWatch(context)
-        self._content = ContentWatch()
-        self._flash_told = False
+        self._flat_ns = 0
         self._sleeps = SleepWatch()
         self._lost_ns = 0  # since then there is no camera; 0: there is one
         self._broken = 0
@@ -208,7 +188,6 @@ class CaptureStage:
             lost = frame.source_seq - self._next_seq
             self._next_seq = frame.source_seq + 1
             context.row["left_out" if self._rested else "drops"] += lost
-            self._light.add(frame, self._source.info, lost)
             stale = self._rested and not context.idle  # the driver kept it
             self._rested = context.idle
         if context.paused or stale or spare:
@@ -223,8 +202,9 @@ class CaptureStage:
             context.row["offset_us"] = frame.offset_ns // 1000
             if self._recorder is not None and self._recorder.active:
                 self._record(frame, t_sensor_ns, t_read_ns, picture)
-        self._content.add(picture, frame.t_sensor_ns)  # which would delay the frame
-        self._report_content(frame)
+        # after publishing, which it would delay
+        self._flat_ns = flat_since(self._flat_ns, picture, frame.t_sensor_ns)
+        context.row["covered"] = 0 < self._flat_ns <= frame.t_sensor_ns - COVERED_NS
 
     def _record(
         self, frame: Frame, t_sensor_ns: int, t_read_ns: int, picture: NDArray[np.uint8]
@@ -253,18 +233,6 @@ class CaptureStage:
                 self._recorder.handle(message)
         self._recorder.report()
 
-    def _report_content(self, frame: Frame) -> None:
-        """Reports frames that show nothing, and a light that flashes."""
-        content = self._content
-        self._context.row["covered"] = content.covered
-        self._context.row["shuttered"] = frame.shuttered
-        if content.flashes and not self._flash_told:
-            self._flash_told = True
-            self._context.notify(
-                f"{self._source.info.name}: every second frame is dark, as of the infrared camera"
-                " of a face login; `lfpipe cameras` lists others"
-            )
-
     def _note_gap(self) -> None:
         """Begins a new epoch after a gap: the viewer may be anywhere by now, and old positions mean
         nothing.
@@ -278,7 +246,6 @@ class CaptureStage:
             self._report_source()
         if self._lost_ns or self._sleeps.woke():
             self._lost_ns = 0
-            self._light.stamps.clear()
             self._frames.writer.new_epoch()
 
     def _wait_until_due(self, frame: Frame) -> int:

@@ -150,14 +150,6 @@ class V4L2Device:
         except OSError:  # a driver without inputs
             return True
 
-    @property
-    def shuttered(self) -> bool:
-        """Whether its privacy switch is on; False without one."""
-        try:
-            return bool(self.control(abi.PRIVACY))
-        except OSError:
-            return False
-
     def fourccs(self) -> list[str]:
         """The pixel formats that the device offers, in the driver's order."""
         message = abi.FormatDescription(type=abi.VIDEO_CAPTURE)

@@ -29,8 +29,6 @@ from lfpipe.track.models import SHA256, fetch_models, find_model, install_models
 def cameras(as_json: bool) -> None:
     """List cameras with pixel formats, frame sizes, rates and controls, the best for faces first.
 
-    If several are equal by their formats, their first frames decide: each starts for a moment.
-
     Each size is listed with its highest rate; --json lists all rates. Pass the path or the name to
     --camera: camera:/dev/video0, camera:NAME.
     """

@@ -100,7 +100,6 @@ def state_view(metrics: SessionMetrics, paused: bool = False) -> Group:
     head = Text.assemble(
         f"up {timedelta(seconds=int(metrics.uptime_s))}  {camera}  ",
         ("PAUSED  " if paused else "", WARNING),
-        (f"{metrics.camera_light}  " if metrics.camera_light else "", WARNING),
         (f"viewer {metrics.viewer}", "green" if has_face else WARNING),
     )
     busy = [

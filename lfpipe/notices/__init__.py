@@ -1,8 +1,5 @@
-"""User-facing notices, shared by the window and the monitors. Programs compare their kind, never
-their text.
-"""
+"""User-facing notices, shared by the window and the monitors."""
 
-import enum
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -21,22 +18,13 @@ WORKED_SHARE = 0.05
 Rows = Mapping[str, NDArray[np.void]]
 
 
-class NoticeKind(enum.Enum):
-    """What a notice is about."""
-
-    CAMERA_LOST = enum.auto()
-    COVERED = enum.auto()
-    FAULT = enum.auto()
-    NO_FACE = enum.auto()
-    QUALITY = enum.auto()
-
-
 @attrs.frozen
 class Notice:
     """A condition that people should know about while it lasts."""
 
-    kind: NoticeKind
     text: str
+    nobody: bool = False
+    """Whether it is that nobody is seen."""
 
 
 @attrs.frozen
@@ -65,22 +53,15 @@ def notices(
     """
     t_ns = now_ns()
     if rows[source]["state"] == State.READY:
-        return [Notice(NoticeKind.CAMERA_LOST, "camera lost, trying again")]
+        return [Notice("camera lost, trying again")]
     if broken := list(faults(rows, t_ns)):
-        return [
-            Notice(NoticeKind.FAULT, f"{fault.text}: the picture does not follow you")
-            for fault in broken
-        ]
-    if frames["shuttered"]:
-        text = "the camera's privacy switch is on: slide its shutter open, or press its key"
-        return [Notice(NoticeKind.COVERED, text)]
+        return [Notice(f"{fault.text}: the picture does not follow you") for fault in broken]
     if frames["covered"]:
-        return [Notice(NoticeKind.COVERED, "the camera is covered: its frames show nothing")]
+        return [Notice("the camera is covered, or its shutter closed: its frames show nothing")]
     running = all(rows[name]["state"] == State.RUNNING for name in (source, shows))
     if running and t_face_ns and t_ns - t_face_ns > FACELESS_NS:
         seconds = (t_ns - t_face_ns) // SECOND_NS
-        text = f"no face for {seconds} s: move into the camera's view"
-        return [Notice(NoticeKind.NO_FACE, text)]
+        return [Notice(f"no face for {seconds} s: move into the camera's view", nobody=True)]
     return []
 
 

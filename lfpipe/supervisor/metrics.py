@@ -117,7 +117,6 @@ class SessionMetrics:
     session: str
     uptime_s: float
     camera_fps: float
-    camera_light: str
     """A warning if the camera delivers clearly fewer frames than agreed."""
     level: int
     """Of quality; 0 is full."""
@@ -173,14 +172,12 @@ def session_metrics(
     level = int(quality["level"])
     description = quality["words"].item().decode(errors="replace")
     planned, juddered = display["planned"], display["juddered"]
-    light = f"too little light for {source['nominal_mhz'] / 1000:.3g} Hz"
     current = notices(rows, SOURCE, SHOWN_BY, display["t_face_ns"], source)
     now = [notice.text for notice in current]
     return SessionMetrics(
         session=session,
         uptime_s=round((now_ns() - started_ns) / 1e9, 2),
         camera_fps=stages[SOURCE].fps,
-        camera_light=light if source["dim"] else "",
         level=level,
         lowest_level=int(quality["lowest"]),
         level_words=description,

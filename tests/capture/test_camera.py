@@ -3,7 +3,6 @@ driver: tests/camera_vm.
 """
 
 import errno
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,6 @@ from lfpipe.capture import open_source
 from lfpipe.capture import v4l2_abi as abi
 from lfpipe.capture.camera import (
     MAX_AGE_NS,
-    CameraSource,
     SensorClock,
     negotiate,
     open_device,
@@ -30,10 +28,9 @@ from lfpipe.capture.v4l2_device import FrameSizes, Mode, V4L2Device
 from lfpipe.errors import UserError
 from lfpipe.render.choice import EyesSource
 from lfpipe.transport.ring import Stamp, StampKind
-from tests.capture.fake_camera import PATH, FakeCamera, FakeControl, source
+from tests.capture.fake_camera import PATH, FakeCamera, source
 from tests.render.rendered import record
 from tests.support.examples import examples
-from tests.support.world import until
 
 PERIOD_NS = 100_000_000
 OUT = np.zeros((480, 640, 3), np.uint8)
@@ -138,24 +135,6 @@ def test_lost_signal_is_reported_and_noise_is_not_shown() -> None:
     device.signal = camera._controls.signal = False
     with pytest.raises(UserError, match="no signal"):
         camera.read(OUT)
-
-
-def test_frames_tell_of_the_privacy_switch(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lfpipe.capture.camera_controls.CHECK_S", 0.01)
-
-    def frame_is_shuttered(camera: CameraSource) -> bool:
-        frame = camera.read(OUT)
-        return frame is not None and frame.shuttered
-
-    switch = FakeControl(0, 1, 1)
-    with closing(source(FakeCamera(controls={abi.PRIVACY: switch}))) as camera:
-        assert frame_is_shuttered(camera), "from the first frame"
-        switch.value = 0
-        until(lambda: not frame_is_shuttered(camera), "an open shutter")
-        switch.value = 1
-        until(lambda: frame_is_shuttered(camera), "a shutter")
-    with closing(source(FakeCamera())) as camera:
-        assert not frame_is_shuttered(camera), "without a switch"
 
 
 @given(

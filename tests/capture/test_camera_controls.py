@@ -19,7 +19,6 @@ from lfpipe.capture.camera_controls import (
     CameraControls,
     control_texts,
 )
-from lfpipe.capture.v4l2_abi import PRIVACY
 from lfpipe.errors import UserError
 from tests.capture.fake_camera import FakeCamera, FakeControl, source
 from tests.support.world import until
@@ -123,8 +122,6 @@ def test_states_for_people() -> None:
         "camera.dynamic_framerate 1 [0 to 1]",
     ]
     assert control_texts(FakeCamera()) == []
-    (switch,) = control_texts(FakeCamera(controls={PRIVACY: FakeControl(0, 1, 1)}))
-    assert "privacy switch is on" in switch
 
 
 def test_a_control_that_answers_in_a_second_stops_no_frame(monkeypatch: pytest.MonkeyPatch) -> None:

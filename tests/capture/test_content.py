@@ -1,26 +1,21 @@
 """What frames show, and which camera is used first."""
 
-import errno
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from lfpipe.capture import camera_list
 from lfpipe.capture.camera_list import (
-    BLANK,
     GREY_ONLY,
-    NO_FRAME,
     UNDECODABLE,
     UNKNOWN,
     CameraDevice,
     ranked,
 )
-from lfpipe.capture.content import COVERED_NS, ContentWatch
 from lfpipe.capture.spec import CameraSpec, parse_source
+from lfpipe.capture.stage import COVERED_NS, flat_since
 from lfpipe.errors import UserError
 from lfpipe.transport.clock import SECOND_NS
-from tests.capture.fake_camera import FakeCamera
 
 FRAME_NS = SECOND_NS // 30
 RNG = np.random.default_rng(1)
@@ -45,26 +40,12 @@ def noisy(level: float, sigma: float) -> np.ndarray:
 def test_frames_that_show_nothing_are_noticed_within_two_seconds(
     level: float, sigma: float, covered: bool
 ) -> None:
-    watch = ContentWatch()
-    for k in range(30):
-        watch.add(noisy(120, 50), k * FRAME_NS)
-    assert not watch.covered
-    seen = []
-    for k in range(30, 90):
-        watch.add(noisy(level, sigma), k * FRAME_NS)
-        seen.append(watch.covered)
-    assert any(seen) == covered and COVERED_NS < 2 * SECOND_NS
-    watch.add(noisy(120, 50), 90 * FRAME_NS)
-    assert not watch.covered
-
-
-def test_a_light_that_flashes_is_told_from_one_that_changes() -> None:
-    flashing, slow = ContentWatch(), ContentWatch()
-    for k in range(40):
-        flashing.add(noisy(90 if k % 2 else 30, 20), k * FRAME_NS)
-        slow.add(noisy(90 if k % 20 < 10 else 30, 20), k * FRAME_NS)
-        assert not slow.flashes
-    assert flashing.flashes
+    since_ns = 0
+    for k in range(1, 60):
+        since_ns = flat_since(since_ns, noisy(level, sigma), k * FRAME_NS)
+        assert since_ns == covered * FRAME_NS, "the first of them"
+    assert COVERED_NS < 2 * SECOND_NS
+    assert flat_since(since_ns, noisy(120, 50), 60 * FRAME_NS) == 0
 
 
 @pytest.mark.parametrize(
@@ -85,62 +66,20 @@ def test_ranked_takes_the_camera_that_sees_faces_best(
 ) -> None:
     devices = [CameraDevice(Path(f"/dev/video{k}")) for k in range(len(formats))]
     by_path = {device.path: given for device, given in zip(devices, formats, strict=True)}
-    found = ranked(devices, lambda device: by_path[device.path], lambda _: "")
+    found = ranked(devices, lambda device: by_path[device.path])
     assert [devices.index(one.device) for one in found] == order
     assert [one.doubt for one in found] == doubts
 
 
-SIZE = (480, 640)
-SCENE = np.linspace(16, 235, 640).astype(np.uint8)
-
-
-def yuyv(luma: int | np.ndarray, chroma: int) -> bytes:
-    frame = np.full((*SIZE, 2), chroma, np.uint8)
-    frame[..., 0] = luma
-    return frame.tobytes()
-
-
-DARK, COLOUR, GREY = yuyv(16, 128), yuyv(SCENE, 90), yuyv(SCENE, 128)
-BUSY, SILENT = OSError(errno.EBUSY, "busy"), TimeoutError("no frame")
-
-
-@pytest.mark.native("Video4Linux")
-@pytest.mark.parametrize(
-    ("frames", "order", "doubts", "started"),
-    [
-        # what each camera delivers; cameras behind the first good one stay off
-        (([COLOUR], [COLOUR]), [0, 1], ["", ""], 1),
-        (([DARK], [COLOUR], [DARK]), [1, 2, 0], ["", "", BLANK], 2),
-        (([DARK, DARK, COLOUR], [COLOUR]), [0, 1], ["", ""], 1),  # its exposure settles
-        (([BUSY], [SILENT], [COLOUR]), [2, 0, 1], ["", NO_FRAME, NO_FRAME], 3),
-        (([GREY], [COLOUR]), [1, 0], ["", GREY_ONLY], 2),  # infrared, in a format with colours
-        (([GREY], [DARK], [BUSY]), [1, 2, 0], [BLANK, NO_FRAME, GREY_ONLY], 3),
-        (([DARK],), [0], [""], 0),  # no choice
-        (([], [DARK]), [1, 0], ["", GREY_ONLY], 0),  # [] has another format: decided by that
-    ],
-)
-def test_first_frames_decide_between_cameras_of_equal_formats(
-    monkeypatch: pytest.MonkeyPatch,
-    frames: tuple[list[bytes | Exception], ...],
-    order: list[int],
-    doubts: list[str],
-    started: int,
-) -> None:
-    monkeypatch.setattr(camera_list, "FRAMES_S", 0.1)
-    made: list[FakeCamera] = []
-
-    def opened(path: Path) -> FakeCamera:
-        own = frames[int(path.name.removeprefix("video"))]
-        made.append(FakeCamera(frames=own, offered=["YUYV"] if own else ["GREY"]))
-        return made[-1]
-
-    monkeypatch.setattr(camera_list, "V4L2Device", opened)
-    devices = [CameraDevice(Path(f"/dev/video{k}")) for k in range(len(frames))]
-    found = ranked(devices)
-    assert [devices.index(one.device) for one in found] == order
-    assert [one.doubt for one in found] == doubts
-    assert len([device for device in made if device.requested]) == started
-    assert all(device.closed for device in made)
+def test_ranked_keeps_the_first_of_equal_cameras_when_their_numbers_change() -> None:
+    places = {"/dev/video0": "usb1/1-6", "/dev/video2": "usb1/1-2"}
+    devices = [CameraDevice(Path(path), place=place) for path, place in places.items()]
+    swapped = [
+        CameraDevice(Path(path), place=place)
+        for path, place in zip(places, ("usb1/1-2", "usb1/1-6"), strict=True)
+    ]
+    firsts = [ranked(order, lambda _: ["MJPG"])[0].device.place for order in (devices, swapped)]
+    assert firsts == ["usb1/1-2"] * 2
 
 
 def test_names_that_people_type_are_understood() -> None:

@@ -153,7 +153,7 @@ def test_wire_format_of_metrics(monkeypatch: pytest.MonkeyPatch) -> None:
     own = {name: Row(row, METRICS[name]) for name, row in rows.items()}
     for ms in (1, 2, 30):
         own["render"].histograms["prediction"].add_ns(ms * 1_000_000)
-    own["track"]["face"] = own["render"]["face"] = own["capture"]["dim"] = 1
+    own["track"]["face"] = own["render"]["face"] = 1
     own["capture"]["nominal_mhz"] = 30_000
     rows["track"]["busy_with"] = b"fetching"
     rows["track"]["busy_since_ns"] = T_NS - 3 * SECOND_NS

@@ -6,7 +6,7 @@ from lfpipe.config import Render
 from lfpipe.config.modes import CameraViewer, MouseViewer, NoViewer, Window
 from lfpipe.config.modes import Viewer as ViewerKind
 from lfpipe.config.quality import level_number
-from lfpipe.notices import NoticeKind, latency_lines, notices
+from lfpipe.notices import latency_lines, notices
 from lfpipe.render.synthesis.zero_plane import zero_plane_px
 from lfpipe.render.ui.files import Files
 from lfpipe.render.viewer.viewer import Viewer
@@ -198,6 +198,6 @@ def standing_notices(context: Context, knows_rows: bool) -> list[str]:
     frames = context.table.metrics[source].read(rows[source])
     current = notices(rows, source, context.spec.name, t_face_ns, frames)
     if current and is_locked:  # notices are for the operator
-        is_alone = any(notice.kind is NoticeKind.NO_FACE for notice in current)
+        is_alone = any(notice.nobody for notice in current)
         return [*lines, INVITATION if is_alone else DRAG]
     return [*lines, *(notice.text for notice in current)]

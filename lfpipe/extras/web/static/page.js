@@ -176,7 +176,7 @@ function draw(event) {
   const capture = sample.stages.capture;
   $("eyes").hidden = !capture || capture.state === "NONE" || !$("camera").src;
   const camera = !capture || capture.state === "NONE" ? "no camera" : `camera ${sample.camera_fps.toFixed(1)} Hz`;
-  $("state").textContent = `up ${minutes}:${seconds}, ${camera}${sample.camera_light ? ` (${sample.camera_light})` : ""}, viewer ${sample.viewer}`
+  $("state").textContent = `up ${minutes}:${seconds}, ${camera}, viewer ${sample.viewer}`
     + `${sample.paused ? ", paused" : ""}`
     + `${sample.level ? `, quality lowered to ${sample.level_words} (${sample.level} of ${sample.lowest_level})` : ""}`
     + `${sample.end_to_end.n ? `; age of pictures p50 ${sample.end_to_end.p50_ms.toFixed(1)}, p99 ${sample.end_to_end.p99_ms.toFixed(1)} ms` : ""}`
