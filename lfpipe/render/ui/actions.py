@@ -4,7 +4,6 @@ key.
 
 import time
 from collections.abc import Callable, Mapping
-from functools import partial
 from pathlib import Path
 
 import platformdirs
@@ -20,10 +19,6 @@ from lfpipe.render.ui.recording import user_folder
 
 Action = Callable[[Ui, Event], None]
 ALPHA_FACTOR = 1.1  # hardly visible at once, twice the parallax in seven steps
-
-
-def _request(command: str, ui: Ui, _event: Event, **values: object) -> None:
-    ui.context.request(command, **values)
 
 
 def _recentre(ui: Ui, _event: Event) -> None:
@@ -86,7 +81,7 @@ def _save_picture(ui: Ui, _event: Event) -> None:
 
 
 ACTIONS: Mapping[str, Action] = {
-    "quit": partial(_request, "stop"),
+    "quit": lambda ui, _: ui.context.request("stop"),
     "recentre": _recentre,
     "freeze": _pause,
     "screenshot": _save_picture,

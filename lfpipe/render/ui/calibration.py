@@ -160,6 +160,7 @@ class CalibrationPage(Page):
     """
 
     def __init__(self, context: Context, presenter: Presenter, files: Files) -> None:
+        super().__init__()
         self._context = context
         self._files = files
         self._presenter = presenter

@@ -16,7 +16,8 @@ from lfpipe.render.presenter import Presenter
 from lfpipe.render.ui.calibration import CalibrationPage
 from lfpipe.render.ui.files import Files
 from lfpipe.render.ui.folders import FolderPage
-from lfpipe.render.ui.keys import CLOSING, DEPTH, bar_items
+from lfpipe.render.ui.glasses import glasses_menu
+from lfpipe.render.ui.keys import CLOSING, DEPTH, HELP, bar_items
 from lfpipe.render.ui.notices import (
     VIEWERS,
     ChangeNotices,
@@ -26,13 +27,11 @@ from lfpipe.render.ui.notices import (
     viewer_name,
 )
 from lfpipe.render.ui.pages import (
-    GlassesQuestion,
+    RECORDED_FACE,
     GlassesTest,
-    Help,
     MetricsPage,
     Page,
-    RecordedFace,
-    ViewerPage,
+    viewer_menu,
 )
 from lfpipe.render.ui.recording import RecordingIndicator
 from lfpipe.render.ui.scenes import NO_OTHER, SceneLoader, ScenePage
@@ -75,10 +74,14 @@ class Ui:
         self.scene_page = ScenePage(context, files)
         self.folder_page = FolderPage(files)
         self.metrics_page = MetricsPage(context, viewer, presenter)
-        self.help_page = Help()
+        self.help_page = Page(lambda: Overlay(lines=HELP))
         self.calibration = CalibrationPage(context, presenter, files)
-        self.viewer_page = ViewerPage(context)
-        self.glasses_question = GlassesQuestion(context)
+        self.viewer_page = Page(
+            lambda: Overlay(menu=viewer_menu(viewer_kind(context.options.viewer)))
+        )
+        self.glasses_question = Page(
+            lambda: Overlay(menu=glasses_menu(context.config.render.anaglyph))
+        )
         self.glasses_test = GlassesTest(context, presenter, self.settings)
         self._mouse = mouse
         self._pointer = Pointer()
@@ -107,7 +110,7 @@ class Ui:
             return self.calibration
         is_demo = viewer_kind(options.viewer) == "demo" and self.viewer.field.name in NAMES
         can_choose = isinstance(options.display, Window) and not options.lock_code
-        return RecordedFace() if is_demo and can_choose else None
+        return Page(lambda: RECORDED_FACE, stays=True) if is_demo and can_choose else None
 
     def serve(self) -> None:
         """Handles the events since the last call and updates the overlay."""

@@ -61,6 +61,7 @@ class FolderPage(Page):
     """The content of a folder; another one is entered, a file or the folder itself loaded."""
 
     def __init__(self, files: Files) -> None:
+        super().__init__()
         self._files = files
         self._folder: Path | None = None
         self._menu: Menu | None = None

@@ -2,6 +2,7 @@
 their test. The page of scenes is in `lfpipe.render.ui.scenes`.
 """
 
+from collections.abc import Callable
 from functools import lru_cache
 
 import attrs
@@ -9,9 +10,8 @@ import attrs
 from lfpipe.render.display.overlay import Event, Item, Menu, Overlay
 from lfpipe.render.presenter import Drawing, Presenter, draw_scene
 from lfpipe.render.synthesis.compositor import Key
-from lfpipe.render.ui.glasses import glasses_menu, glasses_test, instructions
-from lfpipe.render.ui.keys import HELP
-from lfpipe.render.ui.notices import VIEWERS, status_lines, viewer_kind
+from lfpipe.render.ui.glasses import glasses_test, instructions
+from lfpipe.render.ui.notices import VIEWERS, status_lines
 from lfpipe.render.ui.settings import Settings
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.transport.clock import SECOND_NS
@@ -35,10 +35,13 @@ def draw_glasses_test(viewer: Viewer, key: Key) -> Drawing:
 
 
 class Page:
-    """A page that can be opened and closed many times."""
+    """A page that can be opened and closed many times. stays: whether it remains when something
+    else in the bar is chosen.
+    """
 
-    stays = False
-    """Whether it remains when something else in the bar is chosen."""
+    def __init__(self, overlay: Callable[[], Overlay] = Overlay, stays: bool = False) -> None:
+        self._made = overlay
+        self.stays = stays
 
     def open(self) -> None:
         """Called when the page opens."""
@@ -52,30 +55,19 @@ class Page:
 
     def overlay(self, t_ns: int) -> Overlay:
         """The overlay at t_ns."""
-        return Overlay()
-
-
-class Help(Page):
-    """All keys."""
-
-    def overlay(self, t_ns: int) -> Overlay:
-        return Overlay(lines=HELP)
+        return self._made()
 
 
 class MetricsPage(Page):
     """Rate, latency and viewpoint."""
 
-    stays = True
-
     def __init__(self, context: Context, viewer: Viewer, presenter: Presenter) -> None:
+        super().__init__(stays=True)
         self._context = context
         self._viewer = viewer
         self._presenter = presenter
         self._due_ns = 0
         self._lines = tuple[str, ...]()
-
-    def open(self) -> None:
-        self._due_ns = 0
 
     def overlay(self, t_ns: int) -> Overlay:
         if t_ns >= self._due_ns:
@@ -85,47 +77,19 @@ class MetricsPage(Page):
         return Overlay(lines=self._lines)
 
 
-class ViewerPage(Page):
-    """Who looks?"""
-
-    def __init__(self, context: Context) -> None:
-        self._context = context
-
-    def overlay(self, t_ns: int) -> Overlay:
-        kind = viewer_kind(self._context.options.viewer)
-        return Overlay(menu=_viewer_menu(kind))
-
-
 @lru_cache(1)
-def _viewer_menu(kind: str) -> Menu:
+def viewer_menu(kind: str) -> Menu:
+    """Who looks? kind: as `viewer_kind`."""
     items = tuple(Item(label, Event("look", word), icon=word) for word, label in VIEWERS.items())
     at = list(VIEWERS).index(kind) if kind in VIEWERS else 0
     return Menu("Who looks?", "Click, or use the arrows and Enter.", items, at)
-
-
-class RecordedFace(Page):
-    """Says that a recorded face looks, and offers others."""
-
-    stays = True
-
-    def overlay(self, t_ns: int) -> Overlay:
-        return RECORDED_FACE
-
-
-class GlassesQuestion(Page):
-    """Which glasses does the viewer have?"""
-
-    def __init__(self, context: Context) -> None:
-        self._context = context
-
-    def overlay(self, t_ns: int) -> Overlay:
-        return Overlay(menu=glasses_menu(self._context.config.render.anaglyph))
 
 
 class GlassesTest(Page):
     """A letter for each eye in place of the scene; keeps the settings that were changed."""
 
     def __init__(self, context: Context, presenter: Presenter, settings: Settings) -> None:
+        super().__init__()
         self._context = context
         self._presenter = presenter
         self._settings = settings

@@ -10,26 +10,24 @@ import platformdirs
 from lfpipe.host.files import exists
 from lfpipe.render.ui.notices import Notices
 from lfpipe.sequence.folder import MANIFEST
-from lfpipe.sequence.packets import PACKETS
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.context import Context
 
-SIZE_NS = SECOND_NS // 2  # between two readings of its size
 FLUSH_NS = 10 * SECOND_NS  # a slow disk may take as long to take the rest
 ENDED_NS = 8 * SECOND_NS  # time to read a path
 
 
 class RecordingIndicator:
-    """Starts and stops recordings, and shows duration and size of any client's recording."""
+    """Starts and stops recordings, and shows the duration of any client's recording."""
 
     def __init__(self, context: Context, notices: Notices) -> None:
         self._context = context
         self._notices = notices
         self._folder = ""
-        self._began_ns = self._due_ns = 0
+        self._began_ns = 0
         self._ending: tuple[Path, int] | None = None  # until when it may still be written
         self.status = ""
-        """Time and size of the current recording; "" for none."""
+        """Time of the current recording; "" for none."""
 
     def toggle(self) -> None:
         """Starts recording the camera and the eyes in the folder for pictures, or stops it."""
@@ -51,17 +49,12 @@ class RecordingIndicator:
         if folder != self._folder:
             if self._folder:
                 self._ending = Path(self._folder), t_ns + FLUSH_NS
-            self._folder = folder
-            self.status = ""
-            self._began_ns = self._due_ns = t_ns
+            self._folder, self._began_ns = folder, t_ns
         if self._ending is not None:
             self._show_ended(*self._ending, t_ns)
-        if not folder or t_ns < self._due_ns:
-            return False
-        self._due_ns = t_ns + SIZE_NS
         minutes, seconds = divmod((t_ns - self._began_ns) // SECOND_NS, 60)
-        self.status = f"{minutes}:{seconds:02}  {_size_bytes(Path(folder)) / 1e6:.0f} MB"
-        return True
+        before, self.status = self.status, f"{minutes}:{seconds:02}" if folder else ""
+        return self.status != before
 
     def _show_ended(self, path: Path, until_ns: int, t_ns: int) -> None:
         """Shows the path of a recording once the recorder has ended it."""
@@ -72,14 +65,6 @@ class RecordingIndicator:
         self._notices.show(
             "record", text if exists(path / MANIFEST) else "no frame was recorded", ENDED_NS
         )
-
-
-def _size_bytes(folder: Path) -> int:
-    """Size of a recording's frames."""
-    try:
-        return (folder / PACKETS).stat().st_size
-    except OSError:
-        return 0
 
 
 def user_folder(folder: Path) -> Path:

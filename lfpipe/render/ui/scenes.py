@@ -168,6 +168,7 @@ class ScenePage(Page):
     """The scenes of the playlist as a menu, with the camera's picture."""
 
     def __init__(self, context: Context, files: Files) -> None:
+        super().__init__()
         self._context = context
         self._files = files
         self._playlist = context.options.playlist
