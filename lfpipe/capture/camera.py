@@ -241,13 +241,6 @@ class CameraSource:
             )
         self.info = attrs.evolve(info, notes=(*notes, *self._controls.notes.values()))
 
-    def follow(self, first: "CameraSource") -> None:
-        """Takes over exposure, gain and white balance of another camera, as far as both have
-        them.
-        """
-        first._controls.leads = True
-        self._controls.leader = first._controls
-
     def _no_signal(self) -> UserError:
         return UserError(
             f"camera {self._path}: no signal at its input",

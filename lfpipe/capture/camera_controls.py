@@ -19,7 +19,6 @@ T = TypeVar("T")
 
 # linux/v4l2-controls.h
 AUTO_GAIN, GAIN, POWER_LINE = 0x00980912, 0x00980913, 0x00980918
-AUTO_WHITE, WHITE = 0x0098090C, 0x0098091A
 AUTO_EXPOSURE, EXPOSURE, DYNAMIC_FRAMERATE = 0x009A0901, 0x009A0902, 0x009A0903
 POWER_LINE_HZ = (0, 50, 60)  # by menu entry; the next is automatic
 CHECK_S = 2.0  # automatic exposure follows the light
@@ -35,13 +34,6 @@ DARKER = (
 AMOUNTS = {
     "camera.exposure": (EXPOSURE, 10, " ms", AUTO_EXPOSURE, 1),
     "camera.gain": (GAIN, 1, "", AUTO_GAIN, 0),
-}
-
-
-# what a second camera takes over from the first: control -> the one of its automatic, and the
-# value of that for "manual"
-FOLLOWED = {control: (switch, manual) for control, _, _, switch, manual in AMOUNTS.values()} | {
-    WHITE: (AUTO_WHITE, 0)
 }
 
 
@@ -79,8 +71,6 @@ class CameraControls(threading.Thread):
     notes: for the user, by key, complete once `applied` is set. exposure_ns: as the camera reports
     it, None if it does not.
     signal: False if nothing is connected to the device's input.
-    leads: whether another camera takes over its values, of the controls in FOLLOWED that it has.
-    leader: the one whose values this one takes over, if any.
     """
 
     def __init__(self, device: V4L2Device, camera: config.Camera) -> None:
@@ -89,9 +79,6 @@ class CameraControls(threading.Thread):
         self._device = device
         self._camera = camera
         self._before: dict[int, int] = {}
-        self.leads = False
-        self.values: dict[int, int] = {}
-        self.leader: CameraControls | None = None
         self._ending = threading.Event()
         self.applied = threading.Event()
         self.notes: dict[str, str] = {}
@@ -105,11 +92,6 @@ class CameraControls(threading.Thread):
             while True:
                 self.exposure_ns = self._asked("", self._exposure_ns)
                 self.signal = self._device.signal
-                if self.leads:
-                    self.values = self._asked("", self._followed_values) or {}
-                if self.leader is not None:
-                    for control, value in self.leader.values.items():
-                        self._asked("", self._follow, control, value)
                 self.applied.set()
                 if self._ending.wait(CHECK_S):
                     break
@@ -186,17 +168,6 @@ class CameraControls(threading.Thread):
                 f"{key} = {value:g}{unit}: using {nearest / scale:g} ({low:g} to {high:g}{unit}"
                 " possible)"
             )
-
-    def _followed_values(self) -> dict[int, int]:
-        device = self._device
-        known = [control for control in FOLLOWED if device.control_range(control) is not None]
-        return {control: device.control(control) for control in known}
-
-    def _follow(self, control: int, value: int) -> None:
-        """Sets a control to the nearest to another camera's value, by hand."""
-        if (span := self._device.control_range(control)) is not None:
-            self._set(*FOLLOWED[control])
-            self._set(control, _nearest(span, value))
 
     def _exposure_ns(self) -> int | None:
         if self._device.control_range(EXPOSURE) is None:

@@ -10,7 +10,7 @@ import re
 
 import attrs
 
-from lfpipe.capture.open_source import camera_name, probe_source
+from lfpipe.capture.open_source import camera_name, definite_name, probe_source
 from lfpipe.capture.spec import LIVE, RingKind, RowKind, SourceKind, parse_source
 from lfpipe.config import Camera, Config, LiveSource
 from lfpipe.config.user_files import measured_placement
@@ -89,8 +89,8 @@ def same_device(a: str, b: str) -> bool:
 def _cameras(kind: SourceKind, text: str) -> set[str]:
     """The definite names of the cameras of a source."""
     if isinstance(kind, RowKind):
-        return {camera.definite(str(camera)) for camera in kind.cameras}
-    return {kind.definite(text)}
+        return set(map(definite_name, kind.cameras, kind.names))
+    return {definite_name(kind, text)}
 
 
 def _split(rest: str) -> tuple[str, dict[str, str]]:

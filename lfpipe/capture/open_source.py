@@ -1,5 +1,7 @@
 """Opens a source by its name; imports the decoders of its kind only."""
 
+from functools import partial
+
 import attrs
 import cv2
 import numpy as np
@@ -7,8 +9,8 @@ import numpy as np
 from lfpipe import config
 from lfpipe.capture.camera_list import first_camera, with_time_limit
 from lfpipe.capture.frame_source import FrameSource, SourceInfo, orient, undecodable
-from lfpipe.capture.spec import CameraSpec, SourceKind, parse_source
-from lfpipe.config.modes import CameraViewer, Clock, RecordedEyes
+from lfpipe.capture.spec import CameraSpec, FileSpec, SourceKind, parse_source
+from lfpipe.config.modes import CameraViewer, Clock, Live, Lossless, RecordedEyes
 from lfpipe.errors import UserError, redacted
 from lfpipe.host.processes import usable_cores
 from lfpipe.plugins import IN_USE, blaming
@@ -20,6 +22,11 @@ def resolve(text: str) -> SourceKind:
     Raises UserError if text names no source, NoCamera if there is no camera at all.
     """
     return parse_source(text) if text else first_camera()
+
+
+def definite_name(source: SourceKind, text: str) -> str:
+    """The name of a source, and no longer "the first camera". text: the one that was parsed."""
+    return str(source) if isinstance(source, CameraSpec) else text
 
 
 def camera_name(text: str) -> str:
@@ -56,7 +63,7 @@ def open_source(text: str, camera: config.Camera, reconnect: bool = False) -> Fr
         info = SourceInfo(
             redacted(str(spec)), (camera.width_px, camera.height_px), camera.nominal_hz, live=True
         )
-        source: FrameSource = ReconnectingCamera(info, spec.opener(camera))
+        source: FrameSource = ReconnectingCamera(info, partial(spec.open, camera))
     else:
         source = spec.open(camera)
     return source if spec.upright else orient(source, camera)
@@ -86,7 +93,8 @@ def clock_of(text: str) -> Clock:
     """The clock of a session on a source: a file may ask for none. Raises UserError as
     `resolve` does.
     """
-    return resolve(text).clock
+    source = resolve(text)
+    return Lossless() if isinstance(source, FileSpec) and source.pace == "max" else Live()
 
 
 def probe_source(text: str, camera: config.Camera) -> SourceInfo:
@@ -108,7 +116,7 @@ def check_source(text: str, camera: config.Camera) -> CameraViewer | RecordedEye
     Raises UserError as `open_source` does, and after its time limit.
     """
     spec = resolve(text)
-    definite = spec.definite(text)
+    definite = definite_name(spec, text)
     info = probe_source(definite, camera)
     if info.eyes:
         return RecordedEyes(source=definite, rate_hz=info.rate_hz, folder=info.eyes)

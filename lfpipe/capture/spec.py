@@ -8,7 +8,8 @@ its prefix, or a line in KINDS. What opens a source is imported when it is opene
 """
 
 import abc
-from collections.abc import Callable
+import contextlib
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, cast
@@ -16,13 +17,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, cast
 import attrs
 
 from lfpipe import config
-from lfpipe.config.modes import Clock, Live, Lossless
 from lfpipe.errors import UserError, redacted
 from lfpipe.files.untrusted import finite
 from lfpipe.host import PORTABLE
 from lfpipe.plugins import IN_USE, SOURCES, blaming, load, plugins
 
 if TYPE_CHECKING:
+    from lfpipe.capture.camera_list import CameraFinder
     from lfpipe.capture.frame_source import FrameSource, SourceInfo
 
 LIVE = "live:"  # begins the name of a scene that is captured now, see `live_source`
@@ -57,37 +58,15 @@ class SourceKind(abc.ABC):
 
     @abc.abstractmethod
     def open(self, camera: config.Camera) -> "FrameSource":
-        """Opens it. Raises UserError."""
-
-    def opener(self, camera: config.Camera) -> Callable[[], "FrameSource"]:
-        """Returns a function that opens it repeatedly, even if the device has moved."""
-        return lambda: self.open(camera)
+        """Opens it; again, even if the device has moved. Raises UserError."""
 
     def probe(self, camera: config.Camera) -> "SourceInfo | None":
         """The info that is known without reading a frame; None if it needs the first frame."""
         return None
 
-    def definite(self, text: str) -> str:
-        """Its definite name. text: the parsed one."""
-        return text
-
     def name_in_measurements(self, text: str) -> str:
         """Its name in stored measurements, the same at every port."""
         return redacted(text)
-
-    def once(self, text: str) -> str:
-        """Its name as a source that plays once."""
-        return text
-
-    @property
-    def clock(self) -> Clock:
-        """The clock of a session with it."""
-        return Live()
-
-    @property
-    def file(self) -> Path | None:
-        """The file that it reads, which no output may replace."""
-        return None
 
     @property
     def upright(self) -> bool:
@@ -120,23 +99,17 @@ class CameraSpec(SourceKind):
             return cls(Path(rest))
         return cls(Path(), rest.strip()) if rest.strip() else None
 
-    def open(self, camera: config.Camera) -> "FrameSource":
-        return self.opener(camera)()
-
-    def opener(self, camera: config.Camera) -> Callable[[], "FrameSource"]:
+    @cached_property
+    def _finder(self) -> "CameraFinder":
         from lfpipe.capture.camera_list import CameraFinder
 
-        finder = CameraFinder(self)
-        return lambda: cast("FrameSource", _driver().open_camera(finder.path(), camera))
+        return CameraFinder(self)
+
+    def open(self, camera: config.Camera) -> "FrameSource":
+        return cast("FrameSource", _driver().open_camera(self._finder.path(), camera))
 
     def probe(self, camera: config.Camera) -> "SourceInfo | None":
-        from lfpipe.capture.camera_list import CameraFinder
-
-        info: SourceInfo = _driver().check_camera(CameraFinder(self).path(), camera)
-        return info
-
-    def definite(self, text: str) -> str:
-        return str(self)
+        return cast("SourceInfo", _driver().check_camera(self._finder.path(), camera))
 
     def name_in_measurements(self, text: str) -> str:
         from lfpipe.capture.camera_list import describe
@@ -194,17 +167,6 @@ class FileSpec(SourceKind):
 
     def name_in_measurements(self, text: str) -> str:
         return f"file:{self.path.absolute()}"
-
-    def once(self, text: str) -> str:
-        return text if self.names_loop else f"{text}{'&' if '?' in text else '?'}loop=0"
-
-    @property
-    def clock(self) -> Clock:
-        return Lossless() if self.pace == "max" else Live()
-
-    @property
-    def file(self) -> Path | None:
-        return self.path
 
     @property
     def upright(self) -> bool:
@@ -303,10 +265,6 @@ class RowKind(SourceKind):
         try:
             for kind in self.cameras:
                 opened.append(kind.open(one))
-            for other in opened[1:]:
-                follow = getattr(other, "follow", None)  # of a V4L2 camera, which has controls
-                if follow is not None and type(other) is type(opened[0]):
-                    follow(opened[0])
             return RowSource(opened, one.frame_px)
         except BaseException:
             for source in opened:
@@ -363,12 +321,15 @@ def playing_once(text: str) -> str:
 
     Raises UserError as `parse_source` does.
     """
-    return parse_source(text).once(text)
+    source = parse_source(text)
+    if not isinstance(source, FileSpec) or source.names_loop:
+        return text
+    return f"{text}{'&' if '?' in text else '?'}loop=0"
 
 
 def source_file(text: str) -> Path | None:
     """The file or folder that a source reads; None if it reads none, or is not a source."""
-    try:
-        return parse_source(text).file
-    except UserError:
-        return None
+    with contextlib.suppress(UserError):
+        if isinstance(source := parse_source(text), FileSpec):
+            return source.path
+    return None

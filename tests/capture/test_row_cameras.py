@@ -1,29 +1,14 @@
-"""Webcams in a row: bandwidth of their bus, and controls that follow those of the first."""
+"""Webcams in a row: bandwidth of their bus."""
 
 import errno
 import os
 
 import pytest
 
-from lfpipe import config
-from lfpipe.capture import camera as driver
 from lfpipe.capture import v4l2_abi as abi
-from lfpipe.capture.camera import CameraSource
-from lfpipe.capture.camera_controls import (
-    AUTO_EXPOSURE,
-    AUTO_GAIN,
-    AUTO_WHITE,
-    CHECK_S,
-    EXPOSURE,
-    GAIN,
-    WHITE,
-)
-from lfpipe.capture.camera_list import CameraFinder
-from lfpipe.capture.spec import parse_source
 from lfpipe.capture.v4l2_device import BUFFERS, FrameSizes, Mode, S, V4L2Device
 from lfpipe.errors import UserError
-from tests.capture.fake_camera import PATH, FakeCamera, FakeControl, source
-from tests.support.world import until
+from tests.capture.fake_camera import FakeCamera, source
 
 BYTES_PER_PX = {"YUYV": 2.0, "MJPG": 0.3}
 SIZES = [
@@ -109,51 +94,3 @@ def test_stream_that_does_not_start_leaves_no_buffers() -> None:
     assert device.buffers == BUFFERS
     device.close()
     assert device.buffers == 0
-
-
-def webcam(exposure: int, gain: int, white: int | None) -> FakeCamera:
-    controls = {
-        AUTO_EXPOSURE: FakeControl(0, 3, 3),
-        EXPOSURE: FakeControl(3, 2047, exposure),
-        AUTO_GAIN: FakeControl(0, 1, 1),
-        GAIN: FakeControl(0, 100, gain, 5),
-    }
-    if white is not None:
-        controls |= {
-            AUTO_WHITE: FakeControl(0, 1, 1),
-            WHITE: FakeControl(2800, 6500, white, 10),
-        }
-    return FakeCamera(controls=controls)
-
-
-def values(device: FakeCamera) -> dict[int, int]:
-    return {control: known.value for control, known in device.controls.items()}
-
-
-@pytest.mark.parametrize("white", [None, 3000])
-def test_second_camera_follows_the_controls_of_the_first_and_gets_its_own_back(
-    monkeypatch: pytest.MonkeyPatch, white: int | None
-) -> None:
-    monkeypatch.setattr("lfpipe.capture.camera_controls.CHECK_S", CHECK_S / 100)
-    devices = {"a": webcam(200, 37, 4005), "b": webcam(900, 80, white)}
-    before = {name: values(device) for name, device in devices.items()}
-    monkeypatch.setattr(
-        driver,
-        "open_camera",
-        lambda path, camera: CameraSource(PATH, camera, devices[path.name]),
-    )
-    monkeypatch.setattr(CameraFinder, "path", lambda self: self._spec.path)
-
-    row = parse_source("row:camera:/a,camera:/b").open(config.Camera(width_px=1280))
-    second = devices["b"].controls
-    until(lambda: second[EXPOSURE].value == 200, "exposure")
-    until(lambda: second[GAIN].value == 35, "the nearest gain")
-    assert second[AUTO_EXPOSURE].value == 1 and second[AUTO_GAIN].value == 0
-    if white is not None:
-        until(lambda: second[WHITE].value in (4000, 4010), "white balance")
-        assert second[AUTO_WHITE].value == 0
-    devices["a"].controls[EXPOSURE].value = 90  # its automatic goes on
-    until(lambda: second[EXPOSURE].value == 90, "the change")
-    row.close()
-    assert values(devices["b"]) == before["b"]
-    assert devices["a"].controls[AUTO_EXPOSURE].value == 3
