@@ -81,39 +81,6 @@ def test_compose_of_grey_views_is_that_of_their_colours(anaglyph: Anaglyph) -> N
     assert np.abs(pictures[0].astype(int) - pictures[1]).max() <= 1
 
 
-def test_key_tells_frames_of_a_video_apart() -> None:
-    subject = Compositor(
-        rendered.noise(2, 2, 8, 8, 1.0, seed=3), Render(method="nearest", anaglyph="colour")
-    )
-    keys = [subject.key((0, 0), (0, 1), frame) for frame in range(3)]
-    first, second, third = (subject.draw(key).copy() for key in keys)
-    assert (
-        keys[0] == keys[2] != keys[1]
-        and np.array_equal(first, third)
-        and not np.array_equal(first, second)
-    )
-
-
-@examples(25)
-@given(
-    st.floats(-1, 4),
-    st.floats(-1, 4),
-    st.floats(-1, 4),
-    st.sampled_from(METHODS),
-    st.floats(-0.004, 0.004),
-)
-def test_equal_keys_give_equal_pictures(
-    row: float, left: float, right: float, method: Method, nudge: float
-) -> None:
-    field = rendered.field(4, 4, 32, 32)
-    subject = Compositor(field, Render(method=method, anaglyph="dubois"))
-    one = ((row, left), (row, right))
-    two = ((row + nudge, left - nudge), (row + nudge, right + nudge))
-    first = subject.compose(*one).copy()
-    if hash(subject.key(*one)) == hash(subject.key(*two)):
-        np.testing.assert_array_equal(first, subject.compose(*two))
-
-
 def test_key_is_rounded_by_less_than_shows() -> None:
     field = rendered.field(5, 5, 96, 96, scale=2.0)
     for method in METHODS[1:]:
@@ -130,61 +97,32 @@ def test_key_is_rounded_by_less_than_shows() -> None:
         assert (error > 1).mean() < 0.02
 
 
-@examples(100)
-@given(
-    shape=st.tuples(st.integers(1, 3), st.integers(1, 4), st.integers(1, 9), st.integers(1, 9)),
-    extent_px=st.sampled_from([0.0, 1e-6, 3.0, 100.0]),
-    zero_plane_px=st.sampled_from([0.0, -7.5, 1000.0]),
-    values=st.lists(ANY | st.floats(-16, 20), min_size=4, max_size=4),
-    method=st.sampled_from(METHODS),
-    anaglyph=st.sampled_from(OUTPUTS),
-    channels=st.sampled_from([1, 3]),
-    light=st.sampled_from([0, 255, None]),
-)
-def test_compose_of_nonsense_stays_within_the_range_of_the_views(
-    shape: tuple[int, int, int, int],
-    extent_px: float,
-    zero_plane_px: float,
-    values: list[float],
-    method: Method,
-    anaglyph: Anaglyph,
-    channels: int,
-    light: int | None,
-) -> None:
-    field = rendered.noise(*shape, extent_px, seed=1, channels=channels)
-    field = attrs.evolve(
-        field, views=field.views // 2 + 60 if light is None else np.full_like(field.views, light)
-    )
-    how = Render(
-        method=method, anaglyph=anaglyph, ghost_compensation=50.0, zero_plane_px=zero_plane_px
-    )
-    picture = Compositor(field, how).compose((values[0], values[1]), (values[2], values[3]))
-    assert picture.shape == (*shape[2:], 3) and picture.dtype == np.uint8
-    if light is not None or anaglyph not in MATRICES:  # which mix, and so may leave the range
-        assert field.views.min() <= picture.min() and picture.max() <= field.views.max()
-
-
 @examples(60)
 @given(
     strange=st.lists(st.tuples(ANY, ANY, ANY, ANY, ANY), min_size=1, max_size=4),
     alpha_px=st.sampled_from(["auto", 1e-9, 12.0, 1e9]),
     grid=st.sampled_from([(1, 1), (1, 4), (3, 3)]),
+    method=st.sampled_from(METHODS),
+    anaglyph=st.sampled_from(OUTPUTS),
 )
 def test_viewer_takes_whatever_a_tracker_says(
-    strange: list[Any], alpha_px: Any, grid: tuple[int, int]
+    strange: list[Any], alpha_px: Any, grid: tuple[int, int], method: Method, anaglyph: Anaglyph
 ) -> None:
-    viewer = Viewer(
-        rendered.field(*grid, 16, 16), Config(render=Render(alpha_px=alpha_px, method="warp2"))
-    )
+    field = rendered.field(*grid, 16, 16)
+    how = Render(alpha_px=alpha_px, method=method, anaglyph=anaglyph)
+    viewer = Viewer(field, Config(render=how))
     seated = (*SEATED.ravel().tolist(), 0.0)
     for k, (*eyes, velocity) in enumerate((seated, *strange, seated)):
         seen = rendered.record(filtered_px=np.reshape(eyes, (2, 2)), velocity_px_s=velocity)
         look = viewer.viewpoints(seen, k * 10**7, k * 10**7 + 10**6)
         assert np.isfinite([look.left, look.right]).all()
-        assert viewer.compositor.compose(look.left, look.right).shape == (16, 16, 3)
+        picture = viewer.compositor.compose(look.left, look.right)
+        assert picture.shape == (16, 16, 3)
+        if anaglyph not in MATRICES:  # which mix, and so may leave the range
+            assert field.views.min() <= picture.min() and picture.max() <= field.views.max()
     # seen well again, later: nothing of that is left
     look = viewer.viewpoints(seen, 10**10, 10**10)
-    if grid[1] > 1 and alpha_px != 1e9:
+    if grid[1] > 1 and alpha_px != 1e9 and method != "nearest":
         assert look.left[1] < look.right[1]
 
 

@@ -2,20 +2,14 @@
 elsewhere.
 """
 
-from pathlib import Path
-
 import attrs
-import cv2
 import numpy as np
 import pytest
 
-from lfpipe import config
 from lfpipe.render.synthesis.compositor import ViewRenderer
 from lfpipe.render.synthesis.scoring import left_out, psnr_db, scores, thinned
 from lfpipe.scene.classification import best_method
-from lfpipe.scene.disparity import quantised
 from lfpipe.scene.lightfield import UNKNOWN, LightField
-from lfpipe.scene.packing import pack_scene
 from tests.render import rendered
 from tests.render.difficult import KINDS, scene
 from tests.render.rendered import METHODS
@@ -59,28 +53,6 @@ def test_view_renderer_fades_softly_where_disparity_is_unknown(
         steps[edge - 8 : edge + 12].max() < 2 * np.median(steps)
         and np.abs(warped - faded).mean() > 1
     )
-
-
-def test_pack_scene_keeps_unknown_disparity(tmp_path: Path) -> None:
-    folder = tmp_path / "dither"
-    folder.mkdir()
-    field, _ = scene("fixed dither", 3)
-    for row in range(3):
-        for col in range(3):
-            cv2.imwrite(str(folder / f"view_{row:02d}_{col:02d}.png"), field.views[0, row, col, 0])
-    cached = config.Scene(cache_dir=str(tmp_path / "cache"))
-    packed = pack_scene(folder, cached, scores)
-    assert (
-        packed.disparity is not None
-        and (packed.disparity == UNKNOWN).mean() > 0.9
-        and packed.method == "blend"
-    )
-    assert np.isfinite([packed.disparity_min_px, packed.disparity_max_px]).all()
-
-
-def test_quantised_stores_what_is_no_number_as_unknown() -> None:
-    found = quantised(np.array([[np.nan, 1.0, -400.0, 400.0]], np.float32), 0.5)
-    assert found.tolist() == [[UNKNOWN, 2, -127, 127]]
 
 
 def chosen(field: LightField) -> str:

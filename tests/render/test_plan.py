@@ -14,7 +14,6 @@ from lfpipe.config import Config, SceneSummary, updated
 from lfpipe.render.plan import Plan, make_plan
 from lfpipe.render.synthesis.compositor import Compositor
 from lfpipe.render.synthesis.viewpoint import ViewSolver
-from lfpipe.render.viewer.geometry import parallax
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.scene.lightfield import LightField, Manifest
 from tests.render import rendered
@@ -197,22 +196,6 @@ def test_plan_of_equal_views_needs_no_eyes() -> None:
     assert attrs.evolve(equal, views=other).needs_eyes, "one bit of a view in the middle"
     early = attrs.evolve(equal, manifest=Manifest(complete=False))
     assert early.needs_eyes, "views that are not written yet are equal, too"
-
-
-def test_plan_of_one_view_needs_no_eyes() -> None:
-    scene = field(1, 1)
-    plan = make_plan(scene, Config())
-    assert (plan.needs_tracking, plan.needs_warp, plan.needs_depth, plan.method) == (
-        False,
-        False,
-        False,
-        "nearest",
-    )
-    picture = Compositor(scene, Config().render).compose((0.0, 0.0), (0.0, 0.0))
-    assert np.array_equal(picture, scene.views[0, 0, 0, ::-1].transpose(1, 2, 0)), (
-        "in Dubois colours for two equal eyes"
-    )
-    assert "room to move" not in str(parallax(Config(), scene, 640, 63.0))
 
 
 @pytest.mark.parametrize(

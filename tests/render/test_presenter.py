@@ -3,7 +3,6 @@
 from unittest.mock import Mock
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 from lfpipe.config import Config
@@ -97,17 +96,6 @@ def test_presenter_on_the_cameras_clock_shows_every_frame() -> None:
     assert all(presentation.due_ns == 0 for presentation in world.known)
 
 
-def test_presenter_shows_the_middle_view_before_the_first_eyes() -> None:
-    world = World()
-    world.presenter.show(DisplayTime.of(now_ns(), REFRESH_NS))
-    presentation = world.known[0]
-    assert presentation.eyes is None and not presentation.face
-    assert presentation.viewpoints.left == presentation.viewpoints.right == (4.0, 4.0)
-    assert np.array_equal(
-        world.display.pictures[0], world.viewer.compositor.compose((4, 4), (4, 4))
-    )
-
-
 def test_presenter_draws_the_glasses_test_instead_of_the_scene() -> None:
     world = World()
     world.show()
@@ -150,13 +138,3 @@ def test_presenter_reports_the_last_pictures_at_the_end() -> None:
     world.presenter.close()
     assert second.by == HANDOVER and second.t_presented_ns == second.t_handed_ns
     assert world.listener.close.called
-
-
-def test_presenter_cost_is_that_of_composing() -> None:
-    world = World(on_camera=True)
-    costs = [world.show().cost_ns for _ in range(20)]
-    assert min(costs) > 0
-    assert 0 < world.presenter.cost_ns <= max(costs)
-    assert world.known[-1].t_composed_ns == pytest.approx(
-        world.known[-1].t_started_ns + costs[-1], abs=max(costs)
-    )

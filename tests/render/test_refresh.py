@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from lfpipe.bench.simulator.camera import T0_NS
-from lfpipe.bench.simulator.screen import PacedScreen, Screen
 from lfpipe.host.presentation import Presented
 from lfpipe.render.display.refresh import (
     GAIN,
@@ -57,10 +56,8 @@ def off(refresh: Refresh, t_sensor_ns: int) -> float:
     return float((away + 0.5) % 1 - 0.5)
 
 
-@pytest.mark.parametrize(
-    ("display_hz", "camera_hz"), [(60, 30), (60, 60), (120, 30), (60, 20), (144, 24)]
-)
-@pytest.mark.parametrize("phase", [0.1, 0.5, 0.9])
+@pytest.mark.parametrize(("display_hz", "camera_hz"), [(60, 30), (60, 60), (144, 24)])
+@pytest.mark.parametrize("phase", [0.9])
 # frames lost on the way do not change the camera's rate
 @pytest.mark.parametrize("numbers", [range(2), range(0, 300, 3)], ids=str)
 def test_refresh_takes_its_phase_from_the_second_frame(
@@ -193,45 +190,6 @@ def test_screen_clock_ignores_a_stray_vblank_and_follows_a_phase() -> None:
     assert abs(clock.nearest(moved[-1]) - moved[-1]) < MS // 10
 
 
-@pytest.mark.parametrize(
-    ("screen", "most", "least_ms", "most_ms"),
-    [
-        *(
-            (
-                Screen(rate_hz=rate_hz, deadline_ms=deadline_ms, cost_ms=1.0),
-                0.005,
-                deadline_ms + 1.0,
-                deadline_ms + 4.0,
-            )
-            # the last one takes pictures a period ahead
-            for rate_hz, deadline_ms in ((60, 0), (60, 3), (75, 6), (144, 3), (60, 18))
-        ),
-        # slow: share of wake-ups that come 5 ms late on average
-        *(
-            (Screen(slow=slow, cost_ms=1.0), most, 0.0, 3.0 + 16.7 + 3.0)
-            for slow, most in ((0.02, 0.01), (0.1, 0.01), (0.3, 0.02))
-        ),
-        # at 144 Hz a wake-up that is late by a period misses its vblank with any margin
-        *(
-            (Screen(rate_hz=144, slow=slow, cost_ms=1.0), most, 0.0, 3.0 + 6.9 + 3.0)
-            for slow, most in ((0.1, 0.08), (0.3, 0.2))
-        ),
-    ],
-)
-def test_screen_refresh_begins_late_and_misses_few_vblanks(
-    screen: Screen, most: float, least_ms: float, most_ms: float
-) -> None:
-    """In the second half."""
-    pace = PacedScreen(screen)
-    missed, leads = [], []
-    for _ in range(6000):
-        missed.append(pace.late + pace.missed)
-        leads.append(pace.refresh.lead_ns() / MS)
-        pace.submit(*pace.begin(), composed=True)
-    assert (pace.late + pace.missed - missed[3000]) / 3000 <= most
-    assert least_ms < np.mean(leads[3000:]) < most_ms
-
-
 class Composed:
     """A refresh on vblanks, and pictures that cost time."""
 
@@ -348,10 +306,7 @@ def test_screen_refresh_is_punctual_at_any_cost_of_a_picture(
     [
         SimulatedScreen(rate_hz=59.94, claimed_hz=60),
         SimulatedScreen(rate_hz=60, claimed_hz=60, drift=500e-6),
-        *(
-            SimulatedScreen(rate_hz=rate_hz, claimed_hz=60)
-            for rate_hz in (48, 55, 60, 75, 100, 120, 144)
-        ),
+        *(SimulatedScreen(rate_hz=rate_hz, claimed_hz=60) for rate_hz in (48, 75, 144)),
         *(
             SimulatedScreen(rate_hz=60, claimed_hz=60, moves_to_hz=rate_hz, claims_move=claims)
             for rate_hz in (30, 75, 144)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lfpipe.config.quality import WARPS
 from lfpipe.render.synthesis import warper
-from lfpipe.render.synthesis.blocks import Blocks, bands_of, places, shifted, size_of
+from lfpipe.render.synthesis.blocks import Blocks, places, size_of
 from lfpipe.render.synthesis.engine import Synthesiser
 from lfpipe.render.synthesis.scene_views import SceneViews
 from lfpipe.render.synthesis.scoring import psnr_db
@@ -144,25 +144,6 @@ def test_synthesiser_keeps_the_zero_plane_still(method: str) -> None:
         assert (np.abs(here - there)[square].mean() < 2) == (zero_plane_px == rendered.NEAR)
 
 
-@given(
-    st.integers(-40, 40),
-    st.integers(-40, 40),
-    st.integers(0, 12),
-    st.integers(0, 16),
-    st.integers(1, 13),
-    st.integers(1, 17),
-)
-def test_shifted_repeats_the_border(
-    dy: int, dx: int, y: int, x: int, height: int, width: int
-) -> None:
-    plane = np.random.default_rng(0).integers(0, 255, (13, 17), dtype=np.uint8)
-    wanted = plane[np.clip(np.arange(13) + dy, 0, 12)][:, np.clip(np.arange(17) + dx, 0, 16)][
-        y : y + height, x : x + width
-    ]
-    box = np.s_[y : min(y + height, 13), x : min(x + width, 17)]
-    np.testing.assert_array_equal(shifted(plane, dy, dx, box), wanted)
-
-
 @pytest.mark.parametrize("method", WARPS)
 def test_synthesiser_in_bands_makes_the_same_picture(
     method: str, monkeypatch: pytest.MonkeyPatch
@@ -220,16 +201,6 @@ def test_blocks_sample_as_pixels_do_beyond_the_border_too(
     error = np.abs(through(plane, dx, dy).astype(int) - wanted).max()
     assert error <= (reach_px > 0), (
         "the margin shifts the rounding of coordinates; where nothing moves the plane comes back"
-    )
-
-
-def test_bands_of_large_planes_cover_them() -> None:
-    assert bands_of(128, 2048) == [slice(0, 128)], "256x256 stays whole"
-    bands = bands_of(540, 8 * 1920)
-    assert (
-        len(bands) > 4
-        and [band.start for band in bands[1:]] == [band.stop for band in bands[:-1]]
-        and bands[-1].stop == 540
     )
 
 

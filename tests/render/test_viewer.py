@@ -14,8 +14,6 @@ from hypothesis import strategies as st
 
 from lfpipe.config import Camera, Config, Render
 from lfpipe.config.camera_pose import CameraPose, camera_focal_px
-from lfpipe.eyes import EyesRecord
-from lfpipe.render.viewer.geometry import parallax
 from lfpipe.render.viewer.viewer import VIDEO_LEAD, Viewer, Viewpoints
 from tests.render import rendered
 from tests.render.rendered import S, record, viewer
@@ -52,25 +50,6 @@ def script(
             shown.append(subject.viewpoints(record(**where), sensor_ns, t_ns))
             k += 1
     return shown
-
-
-def steps_views(shown: list[Viewpoints]) -> float:
-    """The largest step of an eye's column between two pictures."""
-    cols = np.array([(look.left[1], look.right[1]) for look in shown])
-    return float(np.abs(np.diff(cols, axis=0)).max())
-
-
-@pytest.mark.parametrize("seen", [None, record(100.0, 50.0, face=0)])
-def test_viewer_looks_from_the_middle_before_the_first_face(seen: EyesRecord | None) -> None:
-    look = viewer().viewpoints(seen, 0, 0)
-    assert look.left == look.right == (4.0, 4.0)
-
-
-def test_viewer_neutral_is_the_cameras_middle_or_the_first_face() -> None:
-    by_hand = viewer(alpha_px=12.0).viewpoints(record(344.0, 228.0), 0, 0)
-    auto = viewer().viewpoints(record(344.0, 228.0), 0, 0)
-    assert middle(by_hand) == (3.0, 2.0) and middle(auto) == (4.0, 4.0)
-    assert by_hand.right[1] - by_hand.left[1] == pytest.approx(24 / 12)
 
 
 def test_viewer_sways_on_request_while_nobody_is_there() -> None:
@@ -198,51 +177,6 @@ def test_viewer_keeps_the_cadence_of_a_video(film_hz: float, screen_hz: float) -
     assert set(np.bincount(frames)[1:-1].tolist()) <= (
         {int(ratio)} if ratio == int(ratio) else {int(ratio), int(ratio) + 1}
     )
-
-
-def test_viewer_neutral_follows_a_rest_beyond_the_grid() -> None:
-    shown = script(four_views(), (2.0, {}), (8.0, {"x": 500.0}))[120:]
-    assert shown[40].left[1] < 0.0 and shown[40].right[1] - shown[40].left[1] == pytest.approx(
-        4.0
-    ), "at the edge, in depth"
-    assert (
-        middle(shown[-1]) == pytest.approx((4.0, 4.0), abs=0.05) and steps_views(shown[20:]) < 0.5
-    )
-
-
-def test_viewer_keeps_alpha_of_a_turned_head() -> None:
-    subject = viewer()
-    script(subject, (3.0, {"eye_distance": 60.0, "eye_distance_px": 60.0}))
-    assert subject.solver is not None
-    alpha = subject.solver.alpha_px
-    script(subject, (3.0, {"eye_distance": 53.0, "eye_distance_px": 60.0}), start_s=3.0)
-    assert subject.solver.alpha_px == pytest.approx(alpha, rel=1e-6)
-
-
-def test_viewer_leaning_in_exceeds_comfort_only_briefly() -> None:
-    deep = attrs.evolve(
-        rendered.field(9, 9, 16, 16),
-        disparity_min_px=-2.0,
-        disparity_max_px=2.0,
-        disparity_source="truth",
-    )
-    subject = Viewer(deep, Config(render=Render(method="warp2")))
-    sizes = [
-        np.full(180, 40.0),
-        np.linspace(40, 60, 30),
-        np.full(60, 60.0),
-        np.linspace(60, 16, 60),
-        np.full(90, 16.0),
-    ]
-    beyond = []
-    for k, eye_distance in enumerate(np.concatenate(sizes).tolist()):
-        look = subject.viewpoints(record(eye_distance=eye_distance), k * S // 60, k * S // 60)
-        limit = parallax(subject.config, deep, 640, eye_distance).comfort_views or 0.0
-        beyond.append((look.right[1] - look.left[1]) / min(limit, 4.0))
-    assert max(beyond) < 1.5 and max(beyond[230:270]) < 1.12, (
-        "a third of a second after leaning in by a third"
-    )
-    assert beyond[-1] > 0.9
 
 
 @pytest.mark.parametrize("eye_distance_px", [math.nan, math.inf, -math.inf, 1e300, -5.0])

@@ -2,10 +2,8 @@
 against exact arithmetic.
 """
 
-import itertools
 import math
 from collections.abc import Callable
-from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -16,10 +14,8 @@ from numpy.typing import NDArray
 
 from lfpipe.config import FILTER_MODULES, Track
 from lfpipe.eyes import MAX_EYE_PX, MAX_STEP_NS, low_pass_gain
-from lfpipe.track.filters import learnt_motion, models, noise
 from lfpipe.track.filters.base import MIN_STEP_NS, EyeFilter
 from lfpipe.track.filters.half_distance import HalfDistance
-from lfpipe.track.filters.imm import ImmFilter
 from lfpipe.track.filters.mean import Mean
 from lfpipe.track.filters.one_euro import OneEuro
 from lfpipe.track.filters.outliers import OutlierGate
@@ -119,9 +115,9 @@ def test_whatever_comes_the_output_is_finite_and_bounded(
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e18, 5e-324])
-@pytest.mark.parametrize("where", [(0, 0), (1, 1), slice(None)])
+@pytest.mark.parametrize("where", [(1, 1)])
 def test_one_bad_measurement_is_forgotten_within_three_good_ones(
-    kind: str, bad: float, where: tuple[int, int] | slice
+    kind: str, bad: float, where: tuple[int, int]
 ) -> None:
     fresh = make(kind)
     filter_ = settled(kind)
@@ -145,39 +141,30 @@ def test_one_bad_measurement_is_forgotten_within_three_good_ones(
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("step_ns", [0, 1, MIN_STEP_NS - 1, -1, -FRAME_NS])
-def test_doubled_and_late_frames_change_nothing(kind: str, step_ns: int) -> None:
-    filter_ = settled(kind)
-    before = filter_.predict(41 * FRAME_NS)
-    position, _ = filter_.update(39 * FRAME_NS + step_ns, EYES + 30)
-    np.testing.assert_allclose(position, EYES)
-    np.testing.assert_array_equal(filter_.predict(41 * FRAME_NS), before)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("step_ns", [MAX_STEP_NS, 10**15, -MAX_STEP_NS, -(10**15)])
-def test_gap_and_another_clock_start_afresh(kind: str, step_ns: int) -> None:
-    filter_ = settled(kind)
-    position, velocity = filter_.update(39 * FRAME_NS + step_ns, EYES + 30)
-    np.testing.assert_array_equal(position, EYES + 30)
-    assert not velocity.any()
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_stamps_near_the_end_of_int64_are_as_good_as_any(kind: str) -> None:
-    late_ns = 2**63 - 1 - 60 * FRAME_NS
-    early, late = make(kind), make(kind)
+@given(
+    start_ns=st.sampled_from([0, 2**63 - 1 - 60 * FRAME_NS, -(2**63)]),
+    late_ns=st.sampled_from([0, 1, MIN_STEP_NS - 1, -1, -FRAME_NS]),
+    gap_ns=st.sampled_from([MAX_STEP_NS, 10**15, -MAX_STEP_NS, -(10**15)]),
+)
+def test_scale_origin_and_doubled_frames_change_nothing(
+    kind: str, start_ns: int, late_ns: int, gap_ns: int
+) -> None:
+    """Twice as near are twice the pixels; a gap, or another clock, starts afresh."""
+    plain, other = make(kind), make(kind)
     rng = np.random.default_rng(3)
     for i in range(50):
-        measured = EYES + 5 * i + rng.normal(0, 0.3, (2, 2))
-        a = early.update(i * FRAME_NS, measured)
-        b = late.update(np.int64(late_ns + i * FRAME_NS), measured)  # type: ignore[arg-type]
-        np.testing.assert_array_equal(a, b)
-    np.testing.assert_array_equal(
-        early.predict(50 * FRAME_NS), late.predict(late_ns + 50 * FRAME_NS)
-    )
-    position, _ = late.update(-(2**63), EYES)  # the difference alone is beyond int64
-    np.testing.assert_array_equal(position, EYES)
+        measured = EYES + 5 * max(i - 20, 0) + rng.normal(0, 0.3, (2, 2))
+        t_ns = start_ns + i * FRAME_NS
+        wanted = plain.update(i * FRAME_NS, measured)
+        found = other.update(np.int64(t_ns), 2 * measured)  # type: ignore[arg-type]
+        np.testing.assert_allclose(found, 2 * np.array(wanted), rtol=1e-12)
+        again, _ = other.update(max(t_ns + late_ns, -(2**63)), measured + 30)
+        np.testing.assert_allclose(again, found[0])
+        there = other.predict(t_ns + FRAME_NS), plain.predict((i + 1) * FRAME_NS)
+        np.testing.assert_allclose(there[0], 2 * there[1], rtol=1e-12)
+    position, velocity = plain.update(49 * FRAME_NS + gap_ns, EYES + 30)
+    np.testing.assert_array_equal(position, EYES + 30)
+    assert not velocity.any()
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -217,23 +204,6 @@ def missed_px(
     return float(np.sqrt(np.mean(np.square(missed[len(frames) // 2 + 1 :]))))
 
 
-@pytest.mark.parametrize("speed_px_s", [150, 450, -450])
-def test_a_face_that_enters_at_speed_is_predicted_from_its_third_frame_on(
-    speed_px_s: float,
-) -> None:
-    path = sideways(lambda t_s: speed_px_s * t_s)
-    ahead = predicted(make("predictive"), path, range(3), 0.1, noise_px=0)[-1, 0, :, 0].mean()
-    assert ahead / (speed_px_s * 5 / 30) == pytest.approx(1, abs=0.1)
-
-
-@pytest.mark.parametrize(("size_px", "hz", "most_px"), [(80, 0.4, 2), (8, 4, 12.5)])
-def test_acceleration_is_used_where_it_has_improved_predictions(
-    size_px: float, hz: float, most_px: float
-) -> None:
-    """Without it, 2.75 px; a shaking head turns before an acceleration carries that far."""
-    assert missed_px(make_filter(Track(), 0.05), swaying(size_px, hz), range(360)) < most_px
-
-
 def test_landmarks_that_jump_do_not_change_how_far_acceleration_is_used() -> None:
     filter_, untouched = make("predictive"), make("predictive")
     for one in (filter_, untouched):
@@ -241,17 +211,6 @@ def test_landmarks_that_jump_do_not_change_how_far_acceleration_is_used() -> Non
     filter_.update(round(8e9), EYES + np.array([900, -700]))
     after = [missed_px(one, swaying(80, 0.4), range(241, 360)) for one in (filter_, untouched)]
     assert after[0] < 1.1 * after[1]
-
-
-def test_head_scale_does_not_matter() -> None:
-    """Twice as near, twice the pixels: the same filter, twice the numbers."""
-    near, far = make("predictive"), make("predictive")
-    rng = np.random.default_rng(6)
-    for i in range(50):
-        measured = EYES + 8 * max(i - 20, 0) + rng.normal(0, 0.3, (2, 2))
-        a, _ = far.update(i * FRAME_NS, measured)
-        b, _ = near.update(i * FRAME_NS, 2 * measured)
-    np.testing.assert_allclose(2 * a, b, rtol=1e-12)
 
 
 @pytest.mark.parametrize("rate_hz", [30, 60, 120, 240])
@@ -295,17 +254,6 @@ def test_a_head_that_rolls_at_an_even_rate_is_predicted_without_lag() -> None:
     assert math.hypot(*half.velocity) < 1.0
 
 
-@pytest.mark.parametrize(("rate_hz", "most"), [(0.5, 1.02), (3.5, 0.7)], ids=["sways", "shakes"])
-def test_the_last_steps_predict_a_head_that_repeats_itself(
-    rate_hz: float, most: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Error of the delay of 80 ms against that of the models alone."""
-    learnt = missed_px(make_filter(Track(), 0.08), swaying(18, rate_hz), range(300))
-    monkeypatch.setattr(learnt_motion, "PRIOR", 1e30)
-    alone = missed_px(make_filter(Track(), 0.08), swaying(18, rate_hz), range(300))
-    assert learnt < most * alone
-
-
 def test_a_head_that_is_often_far_from_its_prediction_is_no_outlier() -> None:
     """As one that shakes fast; 24 px are 0.4 eye distances."""
     calm, shaken = OutlierGate(), OutlierGate()
@@ -316,43 +264,6 @@ def test_a_head_that_is_often_far_from_its_prediction_is_no_outlier() -> None:
     assert not shaken.rejects((324.0, 200.0), (300.0, 200.0), 24.0, 60.0, 1 / 30)
 
 
-def lags_ms(x_px: Callable[[float], float], speed_px_s: float) -> float:
-    """How late the prediction of a delay of 80 ms is, where eyes move as x_px: the error that
-    follows the speed, over the speed.
-    """
-    frames, ahead_s = range(30 * 12), 0.03 + 0.08
-    ahead = predicted(make_filter(Track(), 0.08), sideways(x_px), frames, ahead_s, noise_px=0.3)
-    late, moved = [], []
-    for k in frames[60:]:
-        seen_s = k / 30 + ahead_s
-        speed = (x_px(seen_s + 1e-3) - x_px(seen_s - 1e-3)) / 2e-3
-        # of a turn, the speed has not yet been seen
-        if abs(x_px(k / 30 - 0.4) - x_px(seen_s)) >= 0.4 * abs(speed_px_s):
-            late.append((x_px(seen_s) - ahead[k, 0, :, 0].mean()) * speed)
-            moved.append(speed * speed)
-    return float(1e3 * sum(late) / sum(moved))
-
-
-@pytest.mark.parametrize(
-    ("speed_px_s", "most_ms"), [(40, 16), (100, 6), (150, 4), (300, 2.5), (450, 2)]
-)
-def test_a_head_at_constant_speed_is_not_late(speed_px_s: float, most_ms: float) -> None:
-    """Forth and back, with a second of rest between: 1.4 s each way."""
-
-    def x_px(t_s: float) -> float:
-        phase = t_s % 4.8
-        way = min(phase, 1.4) if phase < 2.4 else max(3.8 - phase, 0.0)
-        return speed_px_s * way
-
-    assert abs(lags_ms(x_px, speed_px_s)) < most_ms
-
-
-@pytest.mark.parametrize(("sway_hz", "most_ms"), [(0.5, 8), (1, 8), (2, 45)])
-def test_a_swaying_head_is_predicted_over_a_loop_of_80_ms(sway_hz: float, most_ms: float) -> None:
-    """Without prediction it would be 110 ms."""
-    assert lags_ms(swaying(60, sway_hz), 0.0) < most_ms
-
-
 @pytest.mark.parametrize("rate_hz", [30, 60, 240])
 def test_a_step_that_a_second_frame_confirms_is_followed(rate_hz: int) -> None:
     filter_ = make("predictive")
@@ -361,17 +272,6 @@ def test_a_step_that_a_second_frame_confirms_is_followed(rate_hz: int) -> None:
     for i in range(rate_hz, rate_hz + 2):
         position, _ = filter_.update(round(i * 1e9 / rate_hz), EYES + 40)
     assert np.abs(position - EYES - 40).max() < 8
-
-
-def test_a_velocity_is_trusted_over_a_long_loop_as_far_as_it_carries() -> None:
-    """Nodding at 1.5 Hz: with 120 ms of loop a straight line overshoots, and would be worse than no
-    prediction.
-    """
-    short, loop = (
-        missed_px(make_filter(Track(), device_latency_s), swaying(15, 1.5), range(480), 0.17)
-        for device_latency_s in (0.0, 0.12)
-    )
-    assert loop < 0.9 * short
 
 
 @pytest.mark.parametrize("rate_hz", [60, 120])
@@ -455,46 +355,3 @@ def test_the_limits_of_a_measurement_are_where_they_are_said_to_be() -> None:
         and low_pass_gain(1.0, 0.0) == 1.0
         and low_pass_gain(0.0, 1.0) == 0.0
     )
-
-
-def exact(
-    q: float, r: float, dt_s: float, steps: int, start: tuple[float, ...]
-) -> tuple[Fraction, ...]:
-    """The textbook recursion in rational numbers: P = F P F' + Q, then P - K H P."""
-    a, b, c = (Fraction(value) for value in start)
-    fq, fr, d = Fraction(q), Fraction(r), Fraction(dt_s)
-    for _ in range(steps):
-        a, b, c = a + 2 * b * d + c * d * d + fq * d**3 / 3, b + c * d + fq * d * d / 2, c + fq * d
-        s = a + fr
-        a, b, c = a - a * a / s, b - a * b / s, c - b * b / s
-    return a, b, c
-
-
-def test_the_default_filter_keeps_its_digits_and_stays_positive(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """One of its models, over and far beyond its settings: acceleration, noise in eye distances,
-    time between frames.
-    """
-    eyes = np.array([[350.0, 240.0], [290.0, 242.0]])
-    q_px = math.dist(*eyes.tolist()) ** 2
-    monkeypatch.setattr(models, "STAY_S", 1e300)
-    monkeypatch.setattr(noise, "RATE_POWER", 0.0)
-    for q, deviation, dt_ns in itertools.product(
-        (1e-6, 1.0, 1200.0, 1e9), (1e-6, 1e-3, 1.0), (200_000, 4_166_667, 400_000_000)
-    ):
-        monkeypatch.setattr(models, "ACCELERATIONS", (q,))
-        monkeypatch.setattr(noise, "FIRST_NOISE", deviation)
-        monkeypatch.setattr(noise, "MIN_NOISE", deviation)
-        filter_ = ImmFilter()
-        filter_.update(0, eyes)
-        one = filter_._models.models[1]
-        start = (one.a, one.b, one.c)
-        r = filter_._noise.midpoint_variance
-        for k in range(1, 8):
-            filter_.update(k * dt_ns, eyes)
-            assert one.a > 0 and one.c >= 0 and one.b**2 <= one.a * one.c * (1 + 1e-9)
-        for value, truth in zip(
-            (one.a, one.b, one.c), exact(q * q_px, r, dt_ns / 1e9, 7, start), strict=True
-        ):
-            assert abs(float(Fraction(value) / truth - 1)) < 1e-3, (q, deviation, dt_ns)
