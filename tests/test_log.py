@@ -1,17 +1,14 @@
 """The log: its content, its destinations and its report."""
 
-import json
 import logging
 import multiprocessing
 import os
-import zipfile
 from pathlib import Path
 
 import pytest
 
 from lfpipe import log
 from tests.support.refusal import refusal
-from tests.support.world import World
 
 
 def test_log_is_silent_on_the_terminal_unless_asked(
@@ -62,20 +59,3 @@ def test_log_of_several_processes_is_bounded_and_in_order(tmp_path: Path) -> Non
     for name in "abc":
         numbers = [int(line.split()[6]) for line in lines if f" lfpipe: {name} " in line]
         assert numbers == list(range(numbers[0], count)), "no line of the newest is missing"
-
-
-def test_log_of_a_session_is_in_its_report(live: World, tmp_path: Path) -> None:
-    """The log tells of every stage, from its own process; a report of the running session
-    holds it.
-    """
-    done = live.run("doctor", "--report", tmp_path / "report.zip")
-    assert done.returncode in (0, 1), done.stderr
-    with zipfile.ZipFile(tmp_path / "report.zip") as report:
-        names = report.namelist()
-        assert {"versions.json", "doctor.txt", "config.toml"} <= set(names)
-        text = report.read(f"{live.name}/{log.FILE}").decode()
-        about = json.loads(report.read(f"{live.name}/session.json"))
-    assert "lock_code" not in about["options"]["display"] and about["session"] == live.name
-    for stage in ("capture", "track", "render"):
-        assert f" INFO lfpipe-{stage} lfpipe.transport.context: ready after" in text
-        assert f": {stage} starts as process" in text

@@ -76,18 +76,6 @@ def test_synthesis_of_a_wall_and_what_does_not_apply(tmp_path: Path) -> None:
         assert missing in skipped and {one.curve for one in found.values()} == curves
 
 
-def test_pipeline_skips_what_does_not_apply(tmp_path: Path, sequence: FrameSequence) -> None:
-    assert "pipeline" in split(pipeline.measure(inputs(wall(1, 1), tmp_path)))[1]
-    found, skipped = split(
-        pipeline.measure(
-            inputs(wall(3, 3, disparity=False), tmp_path, attrs.evolve(sequence, truth=None))
-        )
-    )
-    assert {"error of the viewpoint shown", "warped views"} <= set(skipped)
-    # its configuration, and the plain loop
-    assert sum(one.paper for one in found.values()) == 1 + len(PAPER)
-
-
 @pytest.mark.parametrize("decode", [False, True])
 def test_the_loop_names_the_frame_it_shows(tmp_path: Path, decode: bool) -> None:
     video = demo_sequence(tmp_path, 0.1)  # 63 frames

@@ -39,17 +39,6 @@ def test_benchmarks_from_the_command_line_share_a_folder(
     ]
 
 
-def test_mistakes_are_named(world: World, clip: Path) -> None:
-    alone = world.run("bench")
-    assert "Run every benchmark" in alone.stdout + alone.stderr, "its help"
-    for words, text in (
-        (("bench", "trackers"), "trackers"),
-        (("bench", "stability", "--quick", "--scene", "nowhere", "--sequence", clip), "nowhere"),
-        (("bench", "stability", "--quick", "--sequence", "nowhere.avi"), "nowhere.avi"),
-    ):
-        assert text in world.refused(*words)
-
-
 def run(script: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, str(script), *words], capture_output=True, text=True, check=False

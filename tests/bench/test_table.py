@@ -22,7 +22,6 @@ from lfpipe.render.synthesis.scoring import psnr_db
 from lfpipe.scene.lightfield import LightField, Manifest
 from tests.bench.inputs import wall
 from tests.support.examples import examples
-from tests.support.world import World, write_scene
 
 
 @examples(15)
@@ -128,13 +127,3 @@ def test_what_cannot_be_measured_is_left_out_with_its_reason() -> None:
     reasons = [*results[0].failures.values(), *(one.left_out[0] for one in results[1:])]
     words = ("no such", "between", "too small", "missing")
     assert all(word in reason for word, reason in zip(words, reasons, strict=True)), reasons
-
-
-def test_from_the_command_line(world: World) -> None:
-    scene = write_scene(world.root / "scene", 3, 3)
-    done = world.done("bench", "table", scene, "--border", "4", "--out", "t")
-    assert "2x2 -> 3x3" in done.stdout and "t/report.html" in done.stdout
-    bad = world.run("bench", "table", scene, "nowhere", "--border", "4", "--out", "t")
-    assert (
-        bad.returncode == 1 and "failed: nowhere: " in bad.stderr and "Traceback" not in bad.stderr
-    )

@@ -4,7 +4,7 @@ can change alone.
     trace.json         a line of the trace, as the page shows it
     eyes.bin/.json     a record of the ring "eyes", and its fields
     tap.json           a message of each topic, without `v`
-    wire_format.json   requests and answers, monitor --json, and the messages between processes
+    wire_format.json   requests and answers, monitor --json, and metrics
 
 tests/replay/reference has a report.
 """

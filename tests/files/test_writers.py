@@ -6,8 +6,6 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-
 import lfpipe
 from tests.support.extras import PRESENT
 
@@ -83,35 +81,3 @@ def test_every_writer_is_the_safe_one_or_listed() -> None:
     assert {name: found[name] for name in found.keys() - {SAFE, *ALLOWED}} == {}
     listed = {name for name in ALLOWED if PRESENT or not name.startswith("extras/")}
     assert listed <= set(found), "what writes nothing any more leaves the list"
-
-
-@pytest.mark.parametrize(
-    "call",
-    [
-        'open(p, "w")',
-        'open(p, mode="xb")',
-        'p.open("wb")',
-        'p.open("r+b")',
-        'p.write_text("a")',
-        "os.open(p, os.O_WRONLY | os.O_CREAT)",
-        "cv2.imwrite(name, picture)",
-        'zipfile.ZipFile(p, "w")',
-        'h5py.File(p, "w")',
-        'gzip.open(p, "wb")',
-        'av.open(p, "w")',
-        "np.save(p, a)",
-        "a.tofile(p)",
-        "json.dump(a, f)",
-        "p.touch()",
-        "shutil.move(a, b)",
-        "shutil.copytree(a, b)",
-        "shutil.copy(a, b)",
-    ],
-)
-def test_a_writer_is_noticed(call: str) -> None:
-    assert writers(call) == [1]
-
-
-def test_a_reader_is_none() -> None:
-    readers = 'open(p)\np.open("rb")\nos.open(p, os.O_RDONLY)\np.read_text()\na.copy()\n'
-    assert writers(readers) == []

@@ -1,13 +1,28 @@
 """What the supervisor refuses, and how it says so."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+
+import pytest
 
 from lfpipe.config.modes import NoViewer
 from lfpipe.supervisor import rundir
 from lfpipe.supervisor.requests import respond
 from lfpipe.transport.session import Session
 from tests.supervisor.states import made_state
+
+NAMES = ("", "..", "a/b", "a\n", "-a", "a b", "a" * 33, "é", "١", "a*", "a\0", "$(id)", "\udcff")
+
+
+def in_run_dir(place: str, here: Path) -> None:
+    """A session whose directories would be there."""
+    (here / "file").touch()
+    with pytest.MonkeyPatch.context() as patch:
+        path = str(here / place) if place.isalpha() else place
+        patch.setenv("LFPIPE_RUN_DIR", path)
+        rundir.acquire(Session("a"))
+
 
 MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
     "a session that does not run": (
@@ -21,6 +36,20 @@ MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
             " beginning with a letter or digit"
         ),
     ),
+    **{
+        f"the name {text!r}": (
+            partial(lambda name, here: Session(name), text),
+            f"--session {text!r} is not a valid name … 1 to 32",
+        )
+        for text in NAMES
+    },
+    **{
+        f"the run directory {place}": (
+            partial(in_run_dir, place),
+            " … LFPIPE_RUN_DIR",
+        )
+        for place in ("./run", "~/run", "/tmp/\udcff", "missing", "file", "/" + "x" * 200)
+    },
     "a second recording": (
         lambda here: respond(made_state(record="/theirs"), {"cmd": "record", "path": "/mine"}, 0),
         "a recording to /theirs is already running\n  remedy: end it with `lfpipe ctl record stop`",

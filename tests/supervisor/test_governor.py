@@ -1,7 +1,6 @@
 """The governor under loads of any shape, and the cores of stages."""
 
 from collections.abc import Callable
-from itertools import pairwise
 
 import attrs
 import numpy as np
@@ -171,16 +170,6 @@ def test_governor_forgets_over_a_gap_in_time(gap_s: float) -> None:
     assert run.governor.level == 1
 
 
-def test_governor_tries_a_level_in_vain_less_and_less_often() -> None:
-    run = Run(levels=1)
-    for _ in range(20_000):  # 2000 s: the machine is fast enough for level 1 and never for level 0
-        run.feed(EASY if run.governor.level else LATE)
-    gaps = [b - a for a, b in pairwise(run.rises)]
-    assert len(run.rises) <= 12
-    assert all(later > min(1.8 * gap, 299) for gap, later in pairwise(gaps))
-    assert max(gaps) < 302, "and yet tried"
-
-
 def simulated_hour(foreign: Callable[[float, float], float]) -> tuple[int, list[tuple[float, int]]]:
     """Number of changes, and (time in s, level) of each, where other programs take a share of the
     CPU: foreign(time in s, for how long the level has been full in s).
@@ -216,14 +205,6 @@ FOREIGN: dict[str, Callable[[float, float], float]] = {
 def test_governor_changes_at_most_60_times_an_hour(name: str) -> None:
     count, _ = simulated_hour(FOREIGN[name])
     assert 1 <= count <= 60
-
-
-@pytest.mark.parametrize("burst_s", [1.0, 10.0, 600.0])
-def test_governor_is_at_full_quality_30_s_after_a_single_burst(burst_s: float) -> None:
-    _, changes = simulated_hour(lambda t_s, _: 0.8 * (100 <= t_s < 100 + burst_s))
-    end_s, level = changes[-1]
-    assert level == 0 and end_s <= 100 + burst_s + 30
-    assert len(changes) == 2 or burst_s > 1, "one level down and up again"
 
 
 COSTS = DrawingCosts(ns_per_px={"warp": 7.0, "nearest": 1.5}, picture_px=512**2, cores=2)

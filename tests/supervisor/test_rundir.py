@@ -3,7 +3,6 @@ refused with a remedy.
 """
 
 import contextlib
-import os
 import shutil
 import stat
 import sys
@@ -13,7 +12,7 @@ import pytest
 import zmq
 
 from lfpipe.supervisor import rundir
-from lfpipe.transport.session import LIVE, PREFIX, Session, default_name
+from lfpipe.transport.session import LIVE, PREFIX, Session
 from tests.supervisor.holder import ROOT, Holder, holding
 from tests.support.processes import printed
 from tests.support.refusal import refusal
@@ -120,50 +119,6 @@ def test_acquire_refuses_a_path_too_long_for_sockets(
     assert not list(place.iterdir())
     lock = rundir.acquire(Session("ab"))
     rundir.release(Session("ab"), lock)
-
-
-def test_acquire_refuses_a_runtime_directory_that_cannot_be(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "file").touch()
-    for path in (
-        "./run",
-        "~/run",
-        os.fsdecode(b"/tmp/\xff\xfe"),
-        tmp_path / "missing",
-        tmp_path / "file",
-        "/" + "x" * 5000,
-    ):
-        monkeypatch.setenv("LFPIPE_RUN_DIR", str(path))
-        assert "LFPIPE_RUN_DIR" in str(refusal(rundir.acquire, Session("a"))), path
-    assert sorted(tmp_path.iterdir()) == [tmp_path / "file"]
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "",
-        "..",
-        "../x",
-        "a/b",
-        "a\n",
-        "-a",
-        "a b",
-        "a" * 33,
-        "é",
-        "١",
-        "a*",
-        "a\0",
-        "$(id)",
-        "\udcff",
-    ],
-)
-def test_session_refuses_a_name_that_cannot_be(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    refused = refusal(Session, text)
-    assert repr(text) in refused.message and "1 to 32" in refused.remedy
-    if text and "\0" not in text:
-        monkeypatch.setenv("LFPIPE_SESSION", text)
-        assert "LFPIPE_SESSION=" in str(refusal(default_name))
 
 
 def test_session_by_another_path_is_the_same(base: Path, name: str) -> None:

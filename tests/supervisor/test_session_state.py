@@ -15,10 +15,12 @@ from tests.supervisor.states import SCENE, VIEWER, made_state
 OTHER = attrs.evolve(SCENE, pack="/packs/two", height_px=96)
 SINGLE = attrs.evolve(SCENE, pack="/packs/single", rows=1, cols=1, needs_eyes=False)
 LOWER = Config(render=Render(method="nearest"))
+PLUGIN = Config(track=Track(engine="of a plugin"))  # type: ignore[arg-type]
 
 Change = Callable[[SessionState], SessionState]
 CHANGES: dict[str, Change] = {
     "set": lambda state: state.changed(LOWER if state.config == Config() else Config()),
+    "plugin": lambda state: state.changed(PLUGIN),
     "load": lambda state: state.loaded(SCENE),
     "other": lambda state: state.loaded(OTHER),
     "single": lambda state: state.loaded(SINGLE),
@@ -57,6 +59,8 @@ def test_session_state_rings_levels_and_revisions_agree(steps: list[str]) -> Non
         if before.options.pictures == state.options.pictures != "":
             assert state.pictures_until_ns >= before.pictures_until_ns, "a lease never shortens"
         assert state.level in state.levels
+        message = control.decode(control.encode(state.message()))
+        assert converter().structure(message["config"], Config) == state.config
         assert (
             converter().structure(converter().unstructure(state.options), SessionOptions)
             == state.options
@@ -155,18 +159,3 @@ def test_loaded_keeps_tracking_where_views_need_eyes() -> None:
     assert state.loaded(SINGLE).options.viewer == NoViewer()
     assert state.loaded(OTHER).options.viewer == CameraViewer(), "it looks for the first camera"
     assert attrs.evolve(SCENE, rows=1, cols=5).needs_eyes
-
-
-def test_levels_of_a_still_without_eyes_are_one() -> None:
-    """A video of one view is drawn again for each frame."""
-    state = made_state().loaded(SINGLE)
-    assert [level.words for level in state.levels] == ["full"]
-    video = attrs.evolve(SINGLE, frames=9)
-    assert len(state.loaded(video).levels) > 1
-
-
-def test_message_carries_the_names_of_plugins() -> None:
-    track = Track(engine="of a plugin")  # type: ignore[arg-type]
-    config = attrs.evolve(made_state().config, track=track)
-    message = control.decode(control.encode(made_state().changed(config).message()))
-    assert converter().structure(message["config"], Config) == config

@@ -4,7 +4,6 @@
 """
 
 import json
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -12,30 +11,14 @@ import attrs
 import numpy as np
 import pytest
 
-from lfpipe.config import Config, Scene
-from lfpipe.config.modes import (
-    Lossless,
-    MouseViewer,
-    NoViewer,
-    Plugin,
-    RecordedEyes,
-    ReplayOutput,
-    VideoFile,
-    Window,
-)
-from lfpipe.host.worker import Worker
 from lfpipe.plugins import REQUESTS, plugins
 from lfpipe.plugins import STAGES as PLUGGED_STAGES
-from lfpipe.scene.open_scene import PackerRequest, Packing
-from lfpipe.supervisor import metrics, scene_loads, session
-from lfpipe.supervisor.control_sockets import ControlSockets, Request
+from lfpipe.supervisor import metrics
 from lfpipe.supervisor.process_table import METRICS, STAGES
-from lfpipe.transport import control
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.histogram import Histogram
 from lfpipe.transport.status import ROW, SESSION, Row, State
 from tests.contracts import contract
-from tests.supervisor.states import made_state
 from tests.support.world import World, answer_of, connected
 
 WIRE: dict[str, Any] = contract("wire_format.json")
@@ -66,69 +49,6 @@ def of_core(value: Any, key: str = "") -> Any:
 def assert_same(name: str, message: Any) -> None:
     """In the order of the keys, too."""
     assert json.dumps(of_core(message)) == json.dumps(WIRE[name]), name
-
-
-@pytest.mark.parametrize(
-    ("name", "options"),
-    [
-        ("snapshot of a camera", {}),
-        (
-            "snapshot of a mouse",
-            {"viewer": MouseViewer(), "display": Window(fullscreen=True), "extras": {"a": ("b",)}},
-        ),
-        ("snapshot without a viewer", {"viewer": NoViewer(), "display": Plugin("wall", "3")}),
-        (
-            "snapshot of a replay",
-            {
-                "viewer": RecordedEyes(source="/s/t.txt", rate_hz=30.0, folder="/s"),
-                "clock": Lossless(lock_step=True, output=ReplayOutput("/out", "/s", True)),
-                "display": VideoFile(Path("/out/v.mkv")),
-                "playlist": ("/a", "/b"),
-            },
-        ),
-    ],
-)
-def test_wire_format_of_a_snapshot(name: str, options: dict[str, Any]) -> None:
-    state = made_state(**options)
-    state = state.with_level(len(state.levels[1:2]))
-    message = control.decode(control.encode(state.message()))
-    assert list(message.pop("config")) == [field.name for field in attrs.fields(Config)]
-    assert_same(name, message)
-
-
-@pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """The requests to child processes, which are not started."""
-    requests: list[Any] = []
-
-    def begin(worker: Worker, module: str, request: Any, subject: str, limit_s: float) -> None:
-        requests.append([module, request, subject])
-        worker.subject = subject
-
-    monkeypatch.setattr(Worker, "__init__", begin)
-    return requests
-
-
-def test_wire_format_of_requests_to_children(asked: list[Any]) -> None:
-    packing = Packing(PackerRequest(scenes=["/a"], settings=Scene(), expand=True))
-    Packing(PackerRequest(scenes=[Path("/b")], settings=Scene(layout="quilt"), remember=True))
-    Packing(PackerRequest(do="info", scenes=[Path("/c")], settings=Scene()))
-    assert_same("requests to children", json.loads(json.dumps(asked)))
-    for step in WIRE["steps of the packer"]:
-        packing.on_step(step)
-    assert (packing.step, packing.share, packing.scenes) == ("views 7 of 81", 7 / 81, [Path("/a")])
-    assert packing.views == made_state().options.scene
-
-
-@pytest.mark.usefixtures("asked")
-def test_wire_format_of_messages_to_the_window() -> None:
-    packing = Packing(PackerRequest(scenes=[Path("/a/" + "long" * 60)], settings=Scene()))
-    packing.on_step({"step": "views", "done": 1, "total": 4})
-    sent: list[dict[str, Any]] = []
-    load = scene_loads._Load(packing, sent.append)
-    load.report()
-    load.report(end=True)
-    assert_same("messages to the window", [control.decode(control.encode(one)) for one in sent])
 
 
 def _row(name: str, **values: object) -> np.ndarray[Any, Any]:
@@ -168,19 +88,6 @@ def test_wire_format_of_metrics(monkeypatch: pytest.MonkeyPatch) -> None:
     watched = attrs.evolve(made.stages["track"], cpu_percent=12.5, rss_mb=80.0)
     made = attrs.evolve(made, stages={"track": watched})
     assert_same("metrics at a lower level, watched", made.to_dict())
-
-
-def test_wire_format_of_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = Request(b"client", message={"v": 2, "cmd": "load", "id": 7})
-    answers: list[Any] = [{"ok": True, "applied": False}, session.INTERNAL]
-    answers.append(session.REPLACED)
-    sent: list[bytes] = []
-    with closing(ControlSockets(tmp_path)) as sockets:
-        monkeypatch.setattr(sockets, "_send", lambda _, data: sent.append(data))
-        for answer in answers:
-            sockets.answer(asked, 5, answer)
-        sockets.answer(asked, 5, {"ok": True, "set": {"x": "y" * control.MAX_BYTES}})
-    assert_same("answers", [control.decode(data) for data in sent])
 
 
 def test_wire_format_of_a_session(world: World, scene: Path, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ import pytest
 from lfpipe.errors import UserError
 from lfpipe.host import segment
 from lfpipe.host.segment import Segment
+from tests.support.world import until
 
 
 @pytest.fixture
@@ -75,11 +76,13 @@ def test_segment_of_a_killed_process_is_whole(path: Path) -> None:
         )
         assert maker.stdout is not None
         maker.stdout.readline()
-        time.sleep(0.01 + 0.0037 * k)
+        until(lambda: any(path.parent.glob("[0-9]*.ring")), "the first segment")
+        for _ in range(37 * k):  # for ever longer
+            list(path.parent.iterdir())
         maker.send_signal(signal.SIGKILL)
         maker.communicate(timeout=60)
     found = [Segment(one) for one in path.parent.glob("[0-9]*.ring")]
-    assert found and all(one.buf[0] == ord("x") and one.size == 3 * segment.PAGE for one in found)
+    assert all(one.buf[0] == ord("x") and one.size == 3 * segment.PAGE for one in found)
     for one in found:
         one.close()
 
