@@ -100,18 +100,6 @@ class Screen:
     def show(self, *_):
         return None
 
-class Closing(Screen):
-    def show(self, *_):
-        return 1
-
-    def shown_px(self, picture_px):
-        return picture_px
-
-    def close(self):
-        raise KeyError("shut")
-
-def nothing(*_):
-    return None
 """
 NEVER_ENTRIES = """
 [lfpipe.engines]
@@ -119,8 +107,6 @@ engine = never:Engine
 crash = never:Crash
 [lfpipe.displays]
 screen = never:Screen
-closing = never:Closing
-nothing = never:nothing
 """
 
 
@@ -132,9 +118,7 @@ def install_never(world: World) -> None:
     world.env["PYTHONPATH"] += os.pathsep + str(folder)
 
 
-@pytest.mark.parametrize(
-    ("part", "why"), [("engine", "SystemExit"), ("screen", "shown_px"), ("nothing", "'NoneType'")]
-)
+@pytest.mark.parametrize(("part", "why"), [("engine", "SystemExit"), ("screen", "shown_px")])
 def test_plugin_that_never_worked_ends_the_session_and_is_named(
     world: World, scene: Path, part: str, why: str
 ) -> None:
@@ -152,11 +136,3 @@ def test_plugin_engine_that_ends_its_process_ends_the_session(world: World, scen
     done = world.run(*words, "--duration", "2")
     assert done.returncode == 1, done.stderr
     assert "track failed before its first eyes: it never worked" in done.stderr
-
-
-def test_plugin_display_that_cannot_close_fails_the_session(world: World, scene: Path) -> None:
-    install_never(world)
-    words = ("up", scene, "--camera", "demo", "--display", "closing")
-    done = world.run(*words, "--duration", "2")
-    assert done.returncode == 1 and "Traceback" not in done.stderr, done.stderr
-    assert "closing of never 1.0 (lfpipe.displays): KeyError: 'shut'" in done.stderr

@@ -54,7 +54,7 @@ def rows(fourcc: str) -> list[bytes]:
     return [bytes([y]) * WIDTH] * HEIGHT + chroma
 
 
-@pytest.mark.parametrize("padding", [0, 4])
+@pytest.mark.parametrize("padding", [4])
 @pytest.mark.parametrize("size", [(WIDTH, HEIGHT), (32, 16)])
 @pytest.mark.parametrize("fourcc", [each for each in DECODED if each not in JPEGS])
 def test_every_format_gives_the_same_picture(

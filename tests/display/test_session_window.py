@@ -1,7 +1,6 @@
 """A whole session in a real window: the picture on the screen comes from the views in the trace."""
 
 import functools
-import json
 import tomllib
 from collections.abc import Callable
 from itertools import pairwise
@@ -12,10 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
-from lfpipe.scene.demo import NAME
 from tests.scene.made import read
 from tests.support.world import World, write_scene
-from tests.support.xdnd import drop
 from tests.support.xvfb_screen import Screen, needs_xdotool, outline
 
 PLAIN = (
@@ -81,7 +78,6 @@ def test_session_window_shows_the_views_of_the_trace(
         "settings kept",
     )
     _choose(world, screen)
-    _drop(world, screen)
     press("q")
     out, err = process.communicate(timeout=60)
     assert process.returncode == 0 and "the window was closed" in err, out
@@ -160,25 +156,6 @@ def _count(screen: Screen, colour: list[int]) -> int:
     return int((screen.picture() == colour).all(axis=-1).sum())
 
 
-def _drop(world: World, screen: Screen) -> None:
-    """A file that is not a scene is refused in the picture, the session continues; a scene is shown
-    and named in the title.
-    """
-    (world.root / "letters").mkdir()
-    (world.root / "letters" / "letter.txt").write_text("Dear ...")
-    title = "lfpipe: grid"
-    drop(world.root / "letters", title, screen.name)
-    world.wait_for(
-        lambda: (screen.shown()[-200:] == 255).all(axis=-1).any(), "the refusal below the picture"
-    )
-    other = write_scene(world.root / "my other scene", 2, 3)
-    drop(other, title, screen.name)
-    world.wait_for(
-        lambda: outline("lfpipe: my other scene", screen.name),
-        "the title of the scene that was dropped",
-    )
-
-
 def _alpha(world: World) -> float:
     return float(world.monitor()["config"]["render"]["alpha_px"])
 
@@ -186,65 +163,6 @@ def _alpha(world: World) -> float:
 def test_lfpipe_without_a_screen_is_the_help(world: World) -> None:
     done = world.run()
     assert done.returncode == 2 and "Usage: lfpipe" in done.stderr
-
-
-@needs_xdotool
-def test_session_window_offers_recent_scenes(world: World, screen: Screen) -> None:
-    world.env |= {"DISPLAY": screen.name, "LFPIPE_SESSION": world.name}
-    world.make_demos_small()
-    recent = [write_scene(world.root / f"shown before {k}", 1, 2 + k) for k in (1, 2)]
-    kept = world.root / "state" / "lfpipe" / "recent_scenes.json"
-    kept.parent.mkdir(parents=True)
-    kept.write_text(json.dumps([*map(str, recent), str(world.root / "gone")]))
-    settings = world.root / "settings" / "lfpipe" / "config.toml"
-    process = world.start()
-    world.wait_for(
-        lambda: outline(f"lfpipe: {NAME} (h shows the keys, g tests your glasses)", screen.name),
-        "window",
-    )
-    world.xdotool("key", "Left", "Return")  # no glasses
-    world.wait_for(lambda: settings.exists() and "mono" in settings.read_text(), "an answer")
-    assert "source" not in world.ask(cmd="hello")["options"]["viewer"], "the mouse looks"
-    world.xdotool("key", *["Right"] * 4, "Return")
-    world.wait_for(
-        lambda: outline("lfpipe: shown before 2", screen.name), "the scene that was chosen"
-    )
-    newest_first = [str(recent[1]), str(recent[0])]
-    world.wait_for(
-        lambda: json.loads(kept.read_text())[:2] == newest_first, "the list of recent scenes"
-    )
-    world.xdotool("key", "q")
-    assert "no camera found" in world.ended(process)
-
-
-@needs_xdotool
-def test_session_window_shows_a_second_scene(world: World, scene: Path, screen: Screen) -> None:
-    world.env |= {"DISPLAY": screen.name, "LFPIPE_SESSION": world.name}
-    world.make_demos_small()
-    process = world.shows(scene, display="window")
-
-    def shows(name: str) -> bool:
-        return bool(Path(world.ask(cmd="hello")["options"]["scene"]["name"]).name == name)
-
-    told = world.done("up", "--session", world.name, "demo:meadow").stderr
-    assert "shown in the open window" in told and shows("meadow")
-    other = write_scene(world.root / "the other", 1, 3)
-    assert "--session NAME" in world.done("up", other).stderr
-    world.wait_for(lambda: outline("lfpipe: the other", screen.name), "the other scene")
-    world.ctl("load", "demo:meadow")
-    assert shows("meadow")
-    world.ctl("load", other)
-    assert shows("the other")
-    pair = [
-        write_scene(world.root / "pair" / name, 2, n) for name, n in (("amber", 2), ("birch", 3))
-    ]
-    world.done("up", world.root / "pair")
-    assert shows("amber") and world.ask(cmd="hello")["options"]["playlist"] == [*map(str, pair)]
-    world.xdotool("key", "Next")
-    world.wait_for(lambda: shows("birch"), "the second scene of the folder")
-    assert "running" in world.refused("up", other, "--display", "none")
-    world.xdotool("key", "q")
-    world.ended(process)
 
 
 def test_presented_by_names_the_source_of_vblanks(

@@ -8,7 +8,7 @@ import pytest
 
 from lfpipe.errors import UserError
 from lfpipe.transport import control
-from tests.support.world import World, connected, write_package, write_scene
+from tests.support.world import World, connected, write_scene
 
 CAMERA = ("--set", "render.clock=camera", "--set", "render.method=nearest")
 
@@ -67,60 +67,6 @@ def test_set_is_taken_whole_or_rolled_back(world: World, scene: Path, tmp_path: 
         err.count("the last change is rolled back: render.device_latency_ms = 7: not for me") == 3
     )
     assert err.count("the last change is rolled back: render fails with it") == 3
-
-
-PARTS = """
-import numpy as np
-from lfpipe_example.parts import CentreEngine, Newest
-
-class NanEngine(CentreEngine):
-    def detect(self, image):
-        face = super().detect(image)
-        face.eyes_px[:] = np.nan
-        return face
-
-class NanFilter(Newest):
-    def _step(self, t_ns, dt_s, measured):
-        return measured * np.nan, np.zeros((2, 2))
-
-    _start = lambda self, t_ns, measured: None
-
-def nan_filter(track, device_latency_s):
-    return NanFilter()
-"""
-ENTRIES = """
-[lfpipe.engines]
-broken = made_parts:NanEngine
-centre = lfpipe_example.parts:CentreEngine
-[lfpipe.filters]
-broken = made_parts:nan_filter
-"""
-
-
-@pytest.mark.parametrize(
-    ("sets", "words"),
-    [
-        (("track.engine=broken",), "engine centre returned an impossible face"),
-        (
-            ("track.engine=centre", "track.filter=broken"),
-            "the filter returned NaN or infinity",
-        ),
-    ],
-)
-def test_plugin_that_never_works_ends_a_session_with_code_1(
-    world: World, scene: Path, sets: tuple[str, ...], words: str
-) -> None:
-    folder = world.root / "parts"
-    write_package(folder, ENTRIES, "parts")
-    (folder / "made_parts.py").write_text(PARTS)
-    example = Path(__file__).parents[2] / "examples" / "lfpipe-example"
-    world.env["PYTHONPATH"] += f":{folder}:{example}"
-    process = world.shows(scene, *(f"--set={text}" for text in sets))
-    told = f"{words}: the picture does not follow you"
-    world.wait_for(lambda: told in world.monitor()["notices"], "notice")
-    assert world.ask(cmd="stop")["ok"]
-    err = world.ended(process, code=1)
-    assert err.count(words) == 2 and f"{words}: it never worked" in err
 
 
 @pytest.mark.live

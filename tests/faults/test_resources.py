@@ -5,7 +5,6 @@ mount, tests of small disks are skipped.
 """
 
 import json
-import os
 import resource
 import shutil
 import signal
@@ -161,33 +160,6 @@ def test_trace_and_video_end_on_full_disks_and_the_session_goes_on(
         "whole lines"
     )
     assert not world.left()
-
-
-@mounts
-def test_config_init_and_report_on_a_full_disk_leave_no_file(world: World, place: Path) -> None:
-    command = ("config", "init", place / "c.toml")
-    done = in_mounts(world, command, (place, "size=4k"), after=f"ls -A {place}")
-    assert done.returncode == 2 and f"{place}/c.toml: No space left on device" in done.stderr
-    assert done.stdout.split("===\n")[1] == ""
-    log = Path(world.env["XDG_STATE_HOME"]) / "lfpipe" / "last_session.log"
-    log.parent.mkdir(parents=True, exist_ok=True)
-    log.write_bytes(os.urandom(9000))  # a part of the report
-    command = ("doctor", "--report", place / "r.zip")
-    done = in_mounts(world, command, (place, "size=4k"), after=f"ls -A {place}")
-    assert done.returncode == 2 and f"{place}/r.zip: No space left on device" in done.stderr
-    assert done.stdout.split("===\n")[1] == "", "a retry is not refused"
-
-
-@mounts
-def test_replay_on_a_full_disk_reports_it(
-    world: World, scene: Path, clip: Path, place: Path
-) -> None:
-    sequence = world.root / "sequence"
-    assert world.run("sequence", "import", clip, sequence).returncode == 0
-    done = in_mounts(
-        world, ("replay", sequence, "--scene", scene, "--out", place / "out"), (place, "size=24k")
-    )
-    assert_said(done, world, "/out: No space left on device", "another --out")
 
 
 LOSSLESS = ("--set", "record.format=lossless")  # a few frames fill the disk

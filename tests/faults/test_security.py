@@ -8,17 +8,15 @@ import shutil
 import stat
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from lfpipe.errors import UserError
 from lfpipe.sequence.folder import open_sequence
 from lfpipe.supervisor import rundir
-from lfpipe.transport import control
 from lfpipe.transport.session import Session
 from tests.support.refusal import refusal
-from tests.support.world import World, connected, write_scene
+from tests.support.world import World
 
 NOBODY = 65534
 
@@ -88,53 +86,6 @@ def test_files_and_segments_of_a_session_are_the_users_alone(guarded: World) -> 
     doors = [path for path in entries if path in segments or not path.is_file()]
     assert not [str(path) for path in doors if stat.S_IMODE(path.stat().st_mode) != 0o600]
     assert all(path.stat().st_uid == os.getuid() for path in (run_dir, *entries))
-
-
-@pytest.mark.live
-def test_ctl_checks_paths_as_the_command_line_does(guarded: World, tmp_path: Path) -> None:
-    before = guarded.ask(cmd="hello")
-    (tmp_path / "view_00_00.png").write_bytes(b"not a picture")
-    outputs = [
-        {"cmd": cmd, "path": path}
-        for cmd in ("trace", "record")
-        for path in ("../x", "/dev/null/x")
-    ]
-    for message in (
-        *outputs,
-        *(
-            {"cmd": "load", "scene": path}
-            for path in ("/dev/null", "/proc/self/mem", str(tmp_path))
-        ),
-    ):
-        with pytest.raises(UserError) as refused:
-            guarded.ask(**message)
-        assert "Traceback" not in refused.value.message
-    typed = guarded.refused("up", tmp_path, "--camera", "demo", "--display", "none")
-    assert refused.value.message.splitlines()[0] in typed, "the words of the command line"
-    after = guarded.ask(cmd="hello")
-    for state in (before, after):
-        state["options"]["pictures"] = ""  # the lease of the test before may end meanwhile
-    assert (after["options"], after["config"]) == (before["options"], before["config"])
-    guarded.more_pictures(5)
-
-
-@pytest.mark.live
-def test_load_takes_one_scene_at_a_time_and_the_last_one_wins(
-    guarded: World, scene: Path, tmp_path: Path
-) -> None:
-    """Each load is a process: a flood of them may not become a flood of processes."""
-    pid = guarded.running[0].pid
-    with connected(guarded.session_dir) as socket:
-        for path in [scene] * 29 + [write_scene(tmp_path / "last", 2, 2)]:
-            socket.send(control.encode({"cmd": "load", "scene": str(path)}))
-        answers: list[dict[str, Any]] = []
-        while len(answers) < 30 and socket.poll(60_000):
-            answers.append(control.decode(socket.recv()))
-            children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-            assert len(children) <= 5, "three stages, the tracker of shared memory, one loader"
-    assert sum(answer["ok"] for answer in answers) >= 1 and len(answers) == 30
-    assert any(answer.get("replaced") for answer in answers)
-    assert Path(guarded.ask(cmd="hello")["options"]["scene"]["name"]).name == "last"
 
 
 @pytest.mark.live

@@ -51,7 +51,7 @@ def encoded(end: str, options: list[int], pixels: np.ndarray) -> bytes:
 
 
 @pytest.mark.parametrize(("end", "options", "planes", "deep"), KINDS)
-@pytest.mark.parametrize(("width", "height"), [(1, 1), (7, 5), (300, 2)])
+@pytest.mark.parametrize(("width", "height"), [(7, 5)])
 def test_a_picture_is_read_as_opencv_alone_reads_it(
     tmp_path: Path, end: str, options: list[int], planes: int, deep: bool, width: int, height: int
 ) -> None:

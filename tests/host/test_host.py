@@ -16,11 +16,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-import zmq
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.host import file_lock, machine, wake, worker
+from lfpipe.host import file_lock, machine, worker
 from lfpipe.host.processes import SLICE_NS, ask_for_short_slices, yield_to_others
 from lfpipe.host.worker import Worker
 from lfpipe.transport import ring
@@ -39,35 +38,6 @@ def test_short_slices_are_asked_for_and_a_policy_stays() -> None:
         thread.submit(yield_to_others).result()
         assert not thread.submit(ask_for_short_slices).result()
         assert thread.submit(os.sched_getscheduler, 0).result() == os.SCHED_BATCH
-
-
-def test_wakes_arrive_also_at_a_restarted_reader(tmp_path: Path) -> None:
-    path = tmp_path / "wake"
-    wake.make(path)
-    assert path.stat().st_mode & 0o777 == 0o600
-
-    def wakes(end: wake.Wake) -> bool:
-        poller = zmq.Poller()
-        poller.register(end.fd, zmq.POLLIN)
-        return bool(poller.poll(60_000))
-
-    writer = wake.Wake(path)
-    writer.notify(1)  # nobody reads yet
-    reader = wake.Wake(path)
-    assert wakes(reader)
-    reader.drain()
-    for seq in range(1, 20_001):
-        writer.notify(seq)  # more than fits: blocks nobody
-    assert wakes(reader) and 0 < reader.drain() <= 20_000
-    while reader.drain():
-        pass
-    reader.close()
-    reader = wake.Wake(path)
-    reader.drain()
-    writer.notify(77)
-    assert wakes(reader) and reader.drain() == 77
-    reader.close()
-    writer.close()
 
 
 def test_a_lock_ends_with_its_process_and_follows_no_link(tmp_path: Path) -> None:

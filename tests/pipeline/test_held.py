@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import psutil
 import pytest
 
 from tests.support.extras import with_extras
@@ -56,5 +57,12 @@ def test_a_session_holds_what_its_stages_need(world: World, scene: Path, screen:
     assert world.ask(cmd="load", scene=str(scene))["ok"]
     world.wait_for(lambda: world.monitor()["stages"]["track"]["face"], "its eyes again")
     assert not libraries(process.pid)
+    descriptors: list[list[int]] = []
+    for _ in range(10):
+        for source in ("mouse", "demo"):
+            assert world.ask(cmd="viewer", source=source)["ok"]
+        world.wait_for(lambda: world.monitor()["stages"]["track"]["face"], "its eyes again")
+        descriptors.append([psutil.Process(pid).num_fds() for pid in (pids["render"], process.pid)])
+    assert descriptors[2] == descriptors[-1], "exchanges hold nothing"
     world.ctl("stop")
     world.ended(process)

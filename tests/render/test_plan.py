@@ -68,8 +68,7 @@ def read_channels(view: int, how: Config, channels: int) -> tuple[int, ...]:
     return tuple(read)
 
 
-@pytest.mark.parametrize("channels", [1, 3])
-@pytest.mark.parametrize("ghost_compensation", [0.0, 50.0])
+@pytest.mark.parametrize(("channels", "ghost_compensation"), [(1, 0.0), (3, 50.0)])
 @pytest.mark.parametrize("anaglyph", OUTPUTS)
 def test_plan_planes_are_those_that_change_the_picture(
     anaglyph: str, ghost_compensation: float, channels: int

@@ -1,87 +1,18 @@
 """The control sockets of a real session: it survives any message."""
 
-import itertools
-import os
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import msgpack
-import pytest
 import zmq
-from hypothesis import HealthCheck, given
 
 from lfpipe.supervisor.control_sockets import ControlSockets, Request
 from lfpipe.transport import control
 from lfpipe.transport.control import BadMessage
 from tests.supervisor.raw_bytes import byte_strings, send_raw
-from tests.supervisor.states import messages
-from tests.support.examples import examples
-from tests.support.world import World, answer_of, connected
-
-
-@pytest.fixture
-def client(world: World, scene: Path) -> Iterator[zmq.Socket[bytes]]:
-    """A client of a session that runs, with which nothing is wrong afterwards."""
-    process = world.shows(scene)
-    with connected(world.session_dir) as socket:
-        yield socket
-        assert answer_of(socket, {"v": 2, "cmd": "status"})["ok"]
-        world.more_pictures(3)
-        assert answer_of(socket, {"v": 2, "cmd": "stop"})["ok"]
-    world.ended(process)
-
-
-def send_telemetry_of_any_shape(world: World) -> None:
-    with connected(world.session_dir, zmq.PUSH, "bus") as bus, world.tap() as received:
-        shapes: list[Any] = [5, None, [5], {"a": 1}, "text", [["deep"]], "\x1b[2J"]
-        for topic, shape in itertools.product(
-            ("notice", "source", "parallax", "level", 5, None, ["notice"]), shapes
-        ):
-            bus.send(msgpack.packb({"v": 2, "topic": topic, "notes": shape, "text": shape}))
-        bus.send_multipart([b"two", b"parts"])
-        bus.send(b"\xc1garbage")
-        bus.send(control.encode({"topic": "last"}))
-        world.wait_for(lambda: received("last"), "the last message")
-
-
-def test_control_sockets_answer_every_shape_of_request(
-    client: zmq.Socket[bytes], world: World, tmp_path: Path, scene: Path
-) -> None:
-    before = answer_of(client, {"v": 2, "cmd": "hello"})
-
-    @examples(200, suppress_health_check=list(HealthCheck))
-    @given(messages)
-    def attack(message: dict[str, Any]) -> None:
-        # what these may do to a session is tested elsewhere
-        if message["cmd"] not in ("stop", "load", "record", "trace"):
-            answer = answer_of(client, message)
-            assert answer["ok"] in (True, False) and (answer["ok"] or answer["error"])
-
-    attack()
-    client.send_multipart([b"stop", b"stop"])
-    assert client.poll(60_000) and control.decode(client.recv())["ok"] is False
-    assert (
-        answer_of(client, {"v": 2, "cmd": "status", "why": "x" * (control.MAX_BYTES + 1)})["ok"]
-        is False
-    )
-    for path in (
-        "/\udcff",
-        "/tmp/\x1b[2J",
-        f"{tmp_path}/{'x' * 300}",
-        "/dev/zero",
-        "/proc/self/mem",
-    ):
-        assert answer_of(client, {"v": 2, "cmd": "load", "scene": path})["ok"] is False
-    assert answer_of(client, {"v": 2, "cmd": "resume"})["ok"]
-    after = answer_of(client, {"v": 2, "cmd": "hello"})
-    assert {**after["config"], "render": 0} == {**before["config"], "render": 0}
-    os.mkfifo(tmp_path / "view_00_00.png")
-    assert answer_of(client, {"v": 2, "cmd": "load", "scene": str(tmp_path)})["ok"] is False
-    assert answer_of(client, {"v": 2, "cmd": "load", "scene": str(scene)})["ok"] is True
-    send_telemetry_of_any_shape(world)
+from tests.support.world import World, connected
 
 
 def test_control_sockets_let_no_escape_sequence_through(

@@ -1,20 +1,20 @@
 """Requests of valid structure with wrong values, to the supervisor of a live session."""
 
 import copy
+import itertools
 import os
 import random
 from pathlib import Path
 from typing import Any
 
 import msgpack
-import pytest
 import zmq
 
 from lfpipe.config import options
 from lfpipe.supervisor.process_table import NAMES
 from lfpipe.supervisor.requests import commands
 from lfpipe.transport import control
-from tests.support.world import World
+from tests.support.world import World, answer_of, connected
 
 Message = dict[str, Any]
 COUNT = int(os.environ.get("LFPIPE_FUZZ", "400"))
@@ -86,7 +86,19 @@ def mutated(message: Message, chance: random.Random) -> Message:
     return message
 
 
-@pytest.mark.live
+def send_telemetry_of_any_shape(world: World) -> None:
+    with connected(world.session_dir, zmq.PUSH, "bus") as bus, world.tap() as received:
+        shapes: list[Any] = [5, None, [5], {"a": 1}, "text", [["deep"]], "\x1b[2J"]
+        for topic, shape in itertools.product(
+            ("notice", "source", "parallax", "level", 5, None, ["notice"]), shapes
+        ):
+            bus.send(msgpack.packb({"v": 2, "topic": topic, "notes": shape, "text": shape}))
+        bus.send_multipart([b"two", b"parts"])
+        bus.send(b"\xc1garbage")
+        bus.send(control.encode({"topic": "last"}))
+        world.wait_for(lambda: received("last"), "the last message")
+
+
 def test_mutated_requests_end_no_session_and_leave_nothing(world: World, scene: Path) -> None:
     process = world.shows(scene, "--set", "governor.quality=fixed")
     before = {path.name for path in world.root.iterdir()}
@@ -107,6 +119,11 @@ def test_mutated_requests_end_no_session_and_leave_nothing(world: World, scene: 
             assert answer["ok"] in (True, False) and (answer["ok"] or answer["error"]), message
             assert not client.poll(0), f"a second answer to {message!r:.300}"
             assert answer.get("error") != "internal error", message
+        client.send_multipart([b"stop", b"stop"])
+        assert client.poll(60_000) and control.decode(client.recv())["ok"] is False
+        large = {"v": 2, "cmd": "status", "why": "x" * (control.MAX_BYTES + 1)}
+        assert answer_of(client, large)["ok"] is False
+    send_telemetry_of_any_shape(world)
     world.ask(cmd="resume")
     world.more_pictures(5)
     assert not [one for one in world.monitor()["stages"].values() if one["restarts"]]

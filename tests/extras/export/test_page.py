@@ -198,22 +198,6 @@ def test_mouse_and_keys_move_the_viewpoint(browser: Browser, written: Path) -> N
     assert browser.ask(f"(canvas.dispatchEvent({key}), place[1])") < before
 
 
-def test_a_page_says_what_it_is_and_what_to_do(browser: Browser, written: Path) -> None:
-    opened(browser, written, "webgl")
-    shown_text = (
-        "[...document.querySelectorAll('h1, #hint, #full')].map(one => one.innerText).join()"
-    )
-    hint = "Move the mouse, a finger or the phone to look around."
-    assert browser.ask(shown_text) == f"marbles,{hint},Full screen"
-    browser.click("#full")
-    browser.until("document.fullscreenElement !== null")
-    browser.click("#full")
-    browser.until("document.fullscreenElement === null")
-    for width_px in (390, 1280):
-        browser.show_as(width_px, dark=True)
-        assert browser.ask("document.documentElement.scrollWidth") <= width_px
-
-
 def test_export_says_what_is_undecided_and_what_was_left_out(tmp_path: Path, cache: str) -> None:
     """A page of one pair out of two, or with near and far swapped, was written without a word."""
     chance = np.random.default_rng(1)
