@@ -44,6 +44,7 @@ class Watched(RuleBasedStateMachine):
         self.generation = 0
         self.x, self.measured = 300.0, False
         self.exchanged = False
+        self.former = False  # until somebody has rested in a seat that was taken again
 
     def frame(self, here: Rest | None, beyond: bool = False) -> Rest | None:
         self.t_ns += FRAME_NS
@@ -53,13 +54,14 @@ class Watched(RuleBasedStateMachine):
         assert after in ALLOWED[before], f"{before.word} to {after.word}"
         if rest is not None:
             assert after is SE and here is not None
-            assert before in (A, E, L) or beyond or self.exchanged, (
+            assert before in (A, E, L) or beyond or self.exchanged or self.former, (
                 "a seated viewer is measured anew beyond the grid alone"
             )
             span = RETURN_SPAN if self.subject.returned else 2 * REST_SPAN
             assert self.exchanged or abs(rest.x_px - here.x_px) <= span * here.eye_distance_px
         if here is None:
             assert after in (N, L)
+        self.former = self.subject.returned or (self.former and rest is None)
         return rest
 
     @rule(seconds=st.floats(0.1, 3.0))
@@ -156,6 +158,24 @@ def test_presence_seats_a_returning_viewer_at_once(back: Rest, away_s: float, kn
     """While another face is there."""
     subject, rest = watched((HOME, 3.0, 0), (Rest(500.0, 210.0, 90.0), away_s, 1), (back, 0.0, 2))
     assert (subject.state is SE and rest is not None and rest.x_px == HOME.x_px) == known
+
+
+@pytest.mark.parametrize(("aside_px", "anew"), [(30.0, True), (15.0, False)])
+@pytest.mark.parametrize("seen", [True, False], ids=["another face", "nobody"])
+def test_presence_measures_the_next_person_in_a_former_seat(
+    aside_px: float, anew: bool, seen: bool
+) -> None:
+    """The next person kept the seat of the former one, up to an eye distance beside it."""
+    subject, _ = watched((HOME, 3.0, 0))
+    between = Rest(500.0, 210.0, 90.0) if seen else None
+    here = HOME._replace(x_px=HOME.x_px + aside_px)
+    measured: list[float] = []
+    for k in range(600):
+        generation, face = (1, between) if k < 120 else (2, here)
+        rest = subject.update(round(3.2e9) + k * FRAME_NS, face, generation)
+        measured += [rest.x_px] if rest is not None and k >= 120 else []
+    former = [HOME.x_px] * seen
+    assert measured == pytest.approx([*former, here.x_px] if anew else former)
 
 
 @pytest.mark.parametrize(

@@ -163,17 +163,19 @@ def test_dragged_is_the_nearest_neutral_position_that_holds_the_eyes(
     ("eyes", "beyond"),
     [
         ((320.0, 240.0, 300.0, 240.0), False),
-        ((271.0, 240.0, 251.0, 240.0), True),  # both more than 4 columns of 12 px to the right
-        ((273.0, 240.0, 253.0, 240.0), False),  # one of them is not
-        ((389.0, 240.0, 369.0, 240.0), True),
-        ((387.0, 240.0, 367.0, 240.0), False),
+        # half of two columns of 12 px past the clamp, where the outer eye is 4 columns out
+        ((279.0, 240.0, 259.0, 240.0), True),
+        ((281.0, 240.0, 261.0, 240.0), False),
+        ((381.0, 240.0, 361.0, 240.0), True),
+        ((379.0, 240.0, 359.0, 240.0), False),
+        ((330.0, 240.0, 230.0, 240.0), True),  # eyes far apart reach the edge earlier
         ((330.0, 289.0, 310.0, 289.0), True),
         ((330.0, 287.0, 310.0, 287.0), False),
         ((330.0, 191.0, 310.0, 191.0), True),
         ((330.0, 300.0, 310.0, 180.0), False),  # it is the middle of the eyes that has a row
     ],
 )
-def test_beyond_is_both_eyes_on_one_side_of_the_grid(
+def test_beyond_is_where_motion_hardly_changes_the_picture(
     eyes: tuple[float, float, float, float], beyond: bool
 ) -> None:
     assert solver().beyond(eyes) is beyond

@@ -379,6 +379,49 @@ SCRIPTS = (
         ),
         windows=(settled(8.0),),
     ),
+    # so far that one eye is beyond the zone, and for good
+    Script(
+        name="rests half out of the zone",
+        people=(person(path(9.0, SEAT, Move(2.5, 3.5, _at(401.0)))),),
+        windows=(settled(2.4), after(3.5, 9.0, Rest(401.0, 240.0, 60.0))),
+    ),
+    # the viewer leaves; a neighbour, who waited in the picture, sits down 30 mm beside the seat
+    Script(
+        name="the next person sits beside the seat",
+        people=(
+            person(path(12.0, SEAT, Move(3.2, 4.2, OUT_RIGHT))),
+            person(path(12.0, _at(170.0, 230.0, 52.0), Move(6.0, 7.0, _at(349.0)))),
+        ),
+        windows=(settled(3.2), after(7.0, 12.0, Rest(349.0, 240.0, 60.0), person=1)),
+    ),
+    # through the right side, and back from there to a nearer place
+    Script(
+        name="back nearer after 2 s",
+        people=(
+            person(
+                np.concatenate(
+                    [
+                        path(5.2, SEAT, Move(2.2, 3.2, OUT_RIGHT)),
+                        path(6.0, OUT_RIGHT, Move(0.0, 1.0, _at(500.0, eye_distance=85.0))),
+                    ]
+                )
+            ),
+        ),
+        windows=(settled(2.4), after(6.2, 11.2, Rest(500.0, 240.0, 85.0))),
+    ),
+    # one person is found as soon as the other one is hidden
+    Script(
+        name="a child and an adult in turn",
+        people=(
+            person(path(12.0, _at(250.0, 200.0)), (4.0, 8.0, HIDDEN)),
+            person(path(12.0, _at(420.0, 300.0, 45.0)), (0.0, 4.0, HIDDEN), (8.0, 12.0, HIDDEN)),
+        ),
+        windows=(
+            settled(4.0, rest=Rest(250.0, 200.0, 60.0)),
+            after(4.0, 8.0, Rest(420.0, 300.0, 45.0), person=1),
+            after(8.0, 12.0, Rest(250.0, 200.0, 60.0)),
+        ),
+    ),
     # the tracker finds a portrait on the wall; then a viewer sits down next to it, and moves
     Script(
         name="portrait first",

@@ -127,17 +127,16 @@ class ViewSolver:
         return 0.0 if math.isnan(steps) else min(max(steps, -_FAR), _FAR)
 
     def beyond(self, eyes_px: Eyes) -> bool:
-        """Whether both eyes are beyond the same side of the grid, where motion hardly changes the
-        picture.
+        """Whether the midpoint of the eyes is so far out that motion hardly changes the picture:
+        `place` clamps it where the outer eye leaves the grid.
         """
         left_u, left_v, right_u, right_v = eyes_px
         (cx, cy), (half_rows, half_cols) = self.centre_px, self._middle
         left, right = self._steps(cx - left_u), self._steps(cx - right_u)
         row = self._steps((left_v + right_v) / 2 - cy)
-        return (
-            min(left, right) > half_cols
-            or max(left, right) < -half_cols
-            or (self.rows > 1 and abs(row) > half_rows)
+        room = max(half_cols - abs(left - right) / 2, 0.0)
+        return abs(left + right) / 2 > room + self._reach / 2 or (
+            self.rows > 1 and abs(row) > half_rows
         )
 
     def dragged(self, centre_px: tuple[float, float], eyes_px: Eyes) -> tuple[float, float]:

@@ -4,7 +4,9 @@ easing of the view.
     state      when                                                    then
     nobody     a face                                                  arriving
     arriving   it rests                                                seated, measured
-    seated     it rests with both eyes beyond the grid                 seated, measured again
+    seated     it rests beyond the grid                                seated, measured again
+               it rests for the first time in a former seat, or after  seated, measured again
+               a loss of HOLD_S, and more than REST_SPAN beside it
                it settles beyond the grid in a seat that was left      seated, as measured then
                less than RETURN_S ago
                it was just found beyond the grid and is still          exchanged
@@ -117,6 +119,7 @@ class Presence:
         self._last: Rest | None = None  # of the followed viewer
         self._measured: Rest | None = None  # the same
         self._left: Seat | None = None
+        self._unconfirmed = False  # whether the seat is a former one, where nobody has rested since
         self.returned = False  # whether the last frame's face is back in its seat
         self.settled = False  # whether the eyes are still, even briefly
 
@@ -124,7 +127,7 @@ class Presence:
         self, t_ns: int, here: Rest | None, generation: int = 0, beyond: bool = False
     ) -> Rest | None:
         """Processes the frame of t_ns. here: position of the eyes, None without a face; generation:
-        of the face's track; beyond: both eyes are beyond the grid. Returns the rest that gives
+        of the face's track; beyond: they are beyond the grid. Returns the rest that gives
         neutral position and distance when it is time to measure them, else None.
         """
         state = self.state
@@ -148,6 +151,7 @@ class Presence:
         elif state is ViewerState.LOST:
             self.state = self._before
             self._found_ns = t_ns
+            self._unconfirmed |= gap_ns >= HOLD_S * SECOND_NS
         elif other and gap_ns < MAX_STEP_NS:
             seat = self._recent_seat(t_ns)
             self._leave(t_ns)
@@ -161,7 +165,12 @@ class Presence:
         seat = self._recent_seat(t_ns)
         if seat is not None and self._is_back(seat, here, beyond):
             return self._return(seat, here)
-        if rest is None or (self.state is ViewerState.SEATED and not beyond):
+        if rest is None:
+            return None
+        former, self._unconfirmed = self._unconfirmed, False
+        seat = self._measured
+        same = not former or (seat is not None and seat.contains(rest, REST_SPAN, RETURN_DEPTH))
+        if self.state is ViewerState.SEATED and same and not beyond:
             return None
         self._remember(t_ns)
         self.state = ViewerState.SEATED
@@ -203,6 +212,7 @@ class Presence:
         self._first = None
         self._last = here
         self._measured = seat.rest
+        self._unconfirmed = True
         self.returned = True
         return seat.rest
 

@@ -47,7 +47,7 @@ DISTANCE_S = 0.1
 STILL_S = 1.0
 STILL = 0.02
 # Time constant of the neutral position before it is measured, while the eyes are still.
-SETTLE_S = 0.25
+SETTLE_S = 0.1
 KNOWN_S = 0.25  # after which the motion of a face that was just found is trusted
 MOVED = 0.01  # change of the distance after which the views between the eyes are chosen again
 
