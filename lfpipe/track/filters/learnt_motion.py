@@ -70,7 +70,11 @@ class LearntMotion:
             self._predictions
             and (t_ns - self._predictions[0].t_ns) / 1e9 >= self._prediction_s - dt_s / 2
         ):
-            self._learn(self._predictions.popleft(), here, dt_s, eye_distance_px)
+            old = self._predictions.popleft()
+            moved = (here - old.midpoint) / eye_distance_px
+            if dt_s > self._prediction_s:  # a slow camera: no frame is nearer to the predicted time
+                moved *= self._prediction_s * 1e9 / (t_ns - old.t_ns)
+            self._learn(old, moved, dt_s)
         self._midpoints.append(here)
         if len(self._midpoints) <= LAGS:
             return velocity
@@ -85,9 +89,8 @@ class LearntMotion:
         result += share * (learnt * eye_distance_px / self._prediction_s - result)
         return result.real, result.imag
 
-    def _learn(self, old: _Prediction, here: complex, dt_s: float, eye_distance_px: float) -> None:
+    def _learn(self, old: _Prediction, moved: complex, dt_s: float) -> None:
         """Compares a prediction with the measurement, and fits the weights to it."""
-        moved = (here - old.midpoint) / eye_distance_px
         keep = math.exp(-dt_s / ERROR_S)
         of_models, of_learnt = (
             keep * error + (1 - keep) * min(max(abs(moved - one), MIN_ERROR), 1.0) ** 2
