@@ -168,8 +168,8 @@ class Presence:
         if rest is None:
             return None
         former, self._unconfirmed = self._unconfirmed, False
-        seat = self._measured
-        same = not former or (seat is not None and seat.contains(rest, REST_SPAN, RETURN_DEPTH))
+        was = self._measured
+        same = not former or (was is not None and was.contains(rest, REST_SPAN, RETURN_DEPTH))
         if self.state is ViewerState.SEATED and same and not beyond:
             return None
         self._remember(t_ns)
