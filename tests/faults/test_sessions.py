@@ -11,12 +11,14 @@ import signal
 import subprocess
 import sys
 import termios
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from lfpipe.sequence.folder import open_sequence
+from lfpipe.supervisor.stage_process import STOP_S, TERM_S
 from tests.replay.test_record import frames
 from tests.support.world import LARGE, World, runs
 
@@ -111,6 +113,18 @@ def test_session_ends_with_a_message_if_its_memory_or_run_directory_is_removed(
         removed = next(world.run_dir.iterdir())
         shutil.rmtree(world.run_dir)
     assert f"{removed} was removed" in world.ended(process, code=1) and _gone(pids)
+
+
+def test_a_second_interrupt_ends_a_stage_that_does_not_stop(world: World, scene: Path) -> None:
+    """Else it has STOP_S + TERM_S to end."""
+    process = world.shows(scene, *SMALL)
+    other = world.monitor()["stages"]["capture"]["pid"]
+    world.kill("render", signal.SIGSTOP)
+    process.send_signal(signal.SIGINT)
+    world.wait_for(lambda: not runs(other), "end of the other stages")
+    again_s = time.monotonic()
+    world.ended(process, signal.SIGINT)
+    assert time.monotonic() - again_s < (STOP_S + TERM_S) / 2
 
 
 class Terminal:

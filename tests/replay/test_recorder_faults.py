@@ -116,6 +116,23 @@ def test_the_death_of_the_supervisor_loses_no_frame_that_the_recorder_had(
     ring.close()
 
 
+def test_a_recorder_that_is_killed_goes_on_in_the_same_folder(world: World, scene: Path) -> None:
+    out = world.root / "rec"
+    process = world.shows(scene, *SMALL)
+    world.ctl("record", "start", out)
+    world.wait_for(lambda: frames(out) > 20, "frames")
+    before = frames(out)
+    world.kill("capture")
+    world.wait_for(lambda: frames(out) > before + 20, "frames of the next one")
+    world.ctl("record", "stop")
+    world.wait_for(lambda: json.loads((out / "manifest.json").read_text())["complete"], "manifest")
+    packets = open_sequence(out).packets
+    assert len({packet.epoch for packet in packets}) == 2 and len(packets) > before + 20
+    stamps = [packet.t_sensor_ns for packet in packets]
+    assert stamps == sorted(stamps)
+    world.ended(process, signal.SIGINT)
+
+
 def frame(number: int, level: int = 1) -> Recordable:
     t_ns = 10**9 + number * 10**7
     picture = np.full(SHAPE, level, np.uint8)

@@ -91,6 +91,19 @@ def test_load_and_cores_change_no_bit(world: World, short: Path, blocks: Path) -
     assert found == [json.loads((quiet / "report.json").read_text())["digests"]] * 2
 
 
+def test_a_replay_fails_whose_stage_had_to_be_restarted(
+    world: World, walk: Path, blocks: Path
+) -> None:
+    out = world.root / "out"
+    process = world.start("replay", walk, "--scene", blocks, *SETTINGS, "--out", out)
+    world.name = f"replay.{process.pid}"
+    trace = out / "trace.jsonl"
+    world.wait_for(lambda: trace.exists() and trace.stat().st_size, "picture")
+    world.kill("track")
+    assert "track failed during the replay and had to be restarted" in world.ended(process, code=1)
+    assert not (out / "report.json").exists()
+
+
 @pytest.fixture(scope="module")
 def of_short(tmp_path_factory: pytest.TempPathFactory, short: Path, blocks: Path) -> Path:
     """The reference of the short sequence."""
