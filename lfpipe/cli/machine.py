@@ -106,8 +106,9 @@ def _formats(device: V4L2Device, every_rate: bool) -> list[str]:
     help=("Also write a ZIP for a bug report: versions, settings, logs and state of sessions."),
 )
 @OVERWRITE
-def doctor(report: Path | None, overwrite: bool) -> int:
-    """Check this machine: one line per check, with remedies.
+@click.option("-v", "--verbose", is_flag=True, help="Also list what needs no remedy.")
+def doctor(report: Path | None, overwrite: bool, verbose: bool) -> int:
+    """Check this machine: the outcome, then each problem with its remedy.
 
     The exit code is 1 if a session would fail. A missing screen is no failure: sessions can write
     to a file.
@@ -115,12 +116,14 @@ def doctor(report: Path | None, overwrite: bool) -> int:
     results = checks()
     if report is not None:
         write_report(report, results, overwrite)
-    for check in results:
+    failed = [check.name for check in results if not check.ok]
+    print_result(f"sessions fail here: {', '.join(failed)}" if failed else "sessions run here")
+    for check in (one for one in results if verbose or one.remedy or not one.ok):
         head = f"{'ok  ' if check.ok else 'FAIL'} {check.name:<12} "
         print_result(filled(check.detail, head))
         if check.remedy:
             print_result(filled(f"remedy: {check.remedy}", " " * len(head)))
-    return 0 if all(check.ok for check in results) else 1
+    return int(bool(failed))
 
 
 @click.group(cls=Group)

@@ -314,8 +314,8 @@ class Screen:
         63,
         replays=False,
         doc=(
-            "monitor of the window: its number or part of its name, from `lfpipe doctor`; empty:"
-            " the window's own"
+            "monitor of the window: its number or part of its name, from `lfpipe doctor -v`;"
+            " empty: the window's own"
         ),
     )
     width_mm: float | Literal["auto"] = key(

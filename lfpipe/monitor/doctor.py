@@ -1,24 +1,19 @@
 """Checks whether `lfpipe up SCENE` would run on this machine, each check with its remedy, and packs
-a bug report. Opens no window, and starts a camera only to choose between equal ones.
+a bug report. Opens no window, and starts no camera.
 """
 
 import contextlib
 import errno
-import importlib.metadata
 import io
 import json
 import os
 import platform
-import re
 import shutil
 import sys
 import zipfile
-from concurrent.futures import ThreadPoolExecutor
-from importlib.util import find_spec
 from pathlib import Path
 
 import attrs
-import cv2
 
 from lfpipe import config, log
 from lfpipe.capture.camera_list import CameraDevice, asking, cameras, ranked
@@ -30,10 +25,9 @@ from lfpipe.errors import UserError, redacted
 from lfpipe.files.output import check_output, write_output
 from lfpipe.files.safe_files import PRIVATE
 from lfpipe.host.files import is_missing
-from lfpipe.host.machine import has_gpu, install_command, versions
-from lfpipe.host.processes import ask_for_short_slices, usable_cores
+from lfpipe.host.machine import install_command, versions
+from lfpipe.host.processes import usable_cores
 from lfpipe.render.display.open_display import has_display
-from lfpipe.render.synthesis.painter import open_painters
 from lfpipe.scene.cache import prepare_cache
 from lfpipe.supervisor import rundir
 from lfpipe.supervisor.session import try_session
@@ -58,47 +52,15 @@ class Check:
 
 
 def python() -> Check:
-    """The interpreter, the cores that it may use, and whether it gets short turns on them."""
+    """The interpreter, and the cores that it may use."""
     count = len(usable_cores())
-    short = ask_for_short_slices()
-    hint = "" if short else "on Linux 6.12 or later, busy programs delay pictures less"
     return Check(
         "python",
         True,
         f"{platform.python_version()} ({platform.python_implementation()}, {sys.executable}),"  # noqa: TID251
-        f" {count} cores, {'short' if short else 'usual'} time slices",
-        hint if count > 1 else "use at least two cores; on one, the rates are lower",
+        f" {count} cores",
+        "" if count > 1 else "use at least two cores; on one, the rates are lower",
     )
-
-
-def opencv() -> Check:
-    """The distributions that provide cv2, and its GUI backend.
-
-    MediaPipe requires the windowed distribution, whose files overlap with the headless one's: pip
-    installs both, and the last one wins. The remedy puts the headless files on top, in the oldest
-    version, which fits the installed numpy.
-    """
-    installed = {
-        (dist.name.lower(), dist.version)
-        for dist in importlib.metadata.distributions()
-        if (dist.name or "").lower().startswith("opencv-")
-    }
-    versions = sorted(
-        {version for _, version in installed},
-        key=lambda text: [int(n) for n in re.findall(r"\d+", text)],
-    )
-    names = sorted(map(" ".join, installed))
-    gui = re.search(r"^\s*GUI: +(.*)$", cv2.getBuildInformation(), re.MULTILINE)
-    detail = f"{', '.join(names) or 'no distribution'}, GUI {gui[1] if gui else '?'}"
-    if len(names) > 1 and (len(versions) > 1 or "GUI NONE" not in detail):
-        package = f"opencv-contrib-python-headless=={versions[0]}"
-        return Check(
-            "opencv",
-            True,  # cv2 was imported
-            f"{detail}: {len(names)} in one folder; cv2 {cv2.__version__} is in use",
-            install_command("--force-reinstall", "--no-deps", package),
-        )
-    return Check("opencv", True, detail)
 
 
 def face_networks() -> Check:
@@ -125,19 +87,6 @@ def face_networks() -> Check:
     )
 
 
-def litert() -> Check:
-    """track.engine = litert: runs the model once."""
-    from lfpipe.track.litert_engine import LitertEngine
-
-    version = importlib.metadata.version("ai-edge-litert")
-    if models.missing_models():
-        return Check("litert", True, f"{version}, not run: its face networks are missing")
-    try:
-        return Check("litert", True, f"{version}, track.engine litert runs {LitertEngine().model}")
-    except UserError as error:
-        return Check("litert", False, f"{version}: {error.message}", error.remedy)
-
-
 def sdl() -> Check:
     """SDL's video driver and how it presents pictures."""
     if not has_display():
@@ -158,20 +107,6 @@ def sdl() -> Check:
     version = ".".join(map(str, pygame.version.SDL))
     listed = "; ".join(f"monitor {monitor}" for monitor in monitors)
     return Check("display", True, f"SDL {version}, driver {driver}, {drawn_by(driver)}; {listed}")
-
-
-def gpu() -> Check:
-    """What draws the pictures of sessions."""
-    remedy = ""
-    try:
-        asked = config.load().render.device
-    except UserError:  # which `settings` shows
-        asked = "auto"
-    with ThreadPoolExecutor(1) as thread:
-        opened, words = open_painters(asked, thread)
-    if opened is None and has_gpu() and not find_spec("moderngl"):
-        remedy = install_command("moderngl")
-    return Check("drawing", True, words, remedy)
 
 
 def settings() -> Check:
@@ -260,14 +195,6 @@ def session(settings: config.Config) -> Check:
     return Check("session", True, f"started and ended: {started}; {room}")
 
 
-def leftovers() -> Check:
-    """This user's directories of dead sessions."""
-    if not (left := rundir.abandoned()):
-        return Check("left over", True, "nothing")
-    remedy = "run `lfpipe up`, which removes them"
-    return Check("left over", True, ", ".join(map(str, left)), remedy)
-
-
 def checks() -> list[Check]:
     """All checks, in the order in which to fix problems."""
     own = settings()
@@ -275,15 +202,11 @@ def checks() -> list[Check]:
     return [
         python(),
         own,
-        opencv(),
         face_networks(),
-        litert(),
         sdl(),
-        gpu(),
         *camera_checks(used.camera.source, cameras()),
         cache(used.scene),
         session(used),
-        leftovers(),
     ]
 
 

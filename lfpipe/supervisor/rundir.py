@@ -182,15 +182,6 @@ def remove(path: Path, lock: Lock) -> None:
             remove(path, again)
 
 
-def abandoned() -> list[Path]:
-    """This user's directories without an owner."""
-    left = []
-    for _, path in _directories():
-        with contextlib.suppress(OSError):  # it has just ended
-            left += [] if file_lock.is_held(path / "lock") else [path]
-    return left
-
-
 def sweep() -> list[str]:
     """Removes leftovers of this user's dead sessions, and returns their names. Skips files that
     cannot be removed.
