@@ -40,7 +40,7 @@ def motion_errors(eyes: NDArray[np.float64], truth: NDArray[np.float64]) -> dict
 
 
 def measure(inputs: Inputs) -> Iterator[Offer]:
-    """Yields engines x refine x input size."""
+    """Yields engines x input size."""
     if inputs.sequence.truth is None:
         yield (
             f"tracking error: {inputs.sequence.path.name} has no ground truth; only times are"
@@ -55,14 +55,11 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
     if not has_face_mesh():
         engines.remove("mediapipe")
         yield "engine mediapipe: no FaceMesh is installed"
-    refined = [(name, refine) for name in engines for refine in (False, True)]
-    for (name, refine), width in itertools.product(refined, widths):
-        if refine and name != "mediapipe":
-            continue
+    for name, width in itertools.product(engines, widths):
         size = (width, round(height_px * width / width_px))
-        track = Track(engine=name, refine=refine)  # type: ignore[arg-type]
+        track = Track(engine=name)  # type: ignore[arg-type]
         yield Variant(
-            curve=name + " with irises" * refine,
+            curve=name,
             parameter=f"{size[0]}x{size[1]}",
             prepare=partial(_prepare, inputs.sequence, track, size),
             paper=track == Track(engine="mediapipe") and width == widths[0],

@@ -10,7 +10,7 @@ import click
 from click.shell_completion import CompletionItem, get_completion_class
 
 from lfpipe.cli.terminal import print_result
-from lfpipe.config import choices, load, options, updated
+from lfpipe.config import load, options, updated
 from lfpipe.transport.session import default_name
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -19,15 +19,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 def complete_settings(
     _context: click.Context, _parameter: click.Parameter, incomplete: str
 ) -> list[CompletionItem]:
-    """KEY=VALUE: the keys, then the values that a key accepts."""
-    key, sign, _ = incomplete.partition("=")
-    if sign and key in options():
-        words = ("true", "false") if bool in options()[key].types else choices(key)
-        return [
-            CompletionItem(f"{key}={word}")
-            for word in words
-            if f"{key}={word}".startswith(incomplete)
-        ]
+    """The keys."""
     return [
         CompletionItem(f"{name}=", help=known.doc)
         for name, known in options().items()

@@ -349,9 +349,7 @@ def with_engine(config: Config) -> Config:
             f"engine  mediapipe has no FaceMesh here ({models.PACKAGE} has): using"
             " track.engine=litert, which runs the same landmark network"
         )
-        config = attrs.evolve(
-            config, track=attrs.evolve(config.track, engine="litert", refine=False)
-        )
+        config = attrs.evolve(config, track=attrs.evolve(config.track, engine="litert"))
     if config.track.engine == "litert" and models.missing_models():
         models.fetch_models(say)
     return config

@@ -162,13 +162,7 @@ def changed(config: Config, values: Mapping[str, Any]) -> Config:
         section: attrs.evolve(getattr(config, section), **fields)
         for section, fields in sections.items()
     }
-    new = attrs.evolve(config, **changes)
-    if new.track.refine and new.track.engine != "mediapipe":
-        raise refusal(
-            [f"track.refine: the engine {new.track.engine} does not refine eyes"],
-            "set track.engine=mediapipe, too, or leave track.refine out",
-        )
-    return new
+    return attrs.evolve(config, **changes)
 
 
 def updated(config: Config, sets: Mapping[str, Any], live_only: bool = False) -> Config:

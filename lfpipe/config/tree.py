@@ -190,7 +190,6 @@ class Track:
         doc="filter of the eye positions; mean is the paper's",
     )
     mean_k: int = key(5, "frames", 1, 1000, live=True, doc="frames averaged by filter = mean")
-    refine: bool = key(False, doc="mediapipe: refine the eye centres by the iris network")
 
 
 @attrs.frozen(kw_only=True)
@@ -375,11 +374,6 @@ class Governor:
         live=True,
         replays=False,
         doc=("auto: lower the quality level while the CPU is overloaded; fixed: never"),
-    )
-    affinity: Literal["auto", "none"] = key(
-        "auto",
-        replays=False,
-        doc="auto: on two cores, reserve one for tracking; none: leave it to the system",
     )
 
 

@@ -115,10 +115,8 @@ class LiveSession:
         notify: Callable[[str], None],
         packing: Packing | None = None,
     ) -> None:
-        placed = state.config.governor.affinity == "auto" and not isinstance(
-            state.options.clock, Lossless
-        )
-        self._cpus = process_table.cores(usable_cores()) if placed else {}
+        free = isinstance(state.options.clock, Lossless)
+        self._cpus = {} if free else process_table.cores(usable_cores())
         self._session = session
         self._notify_user = notify
         with contextlib.ExitStack() as parts:  # each is closed, even if another one raises

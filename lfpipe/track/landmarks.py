@@ -1,7 +1,6 @@
 """The points of the face mesh around the eyes.
 
-The 468 points, and the 5 + 5 of the iris that follow them when refined, are those of MediaPipe's
-canonical face model.
+The 468 points are those of MediaPipe's canonical face model.
 """
 
 import math
@@ -18,7 +17,6 @@ LEFT_EYE = np.array(
 )
 RIGHT_EYE = np.array([33, 7, 163, 144, 145, 153, 154, 155, 133, 173, 157, 158, 159, 160, 161, 246])
 Point = tuple[float, float]
-LEFT_IRIS, RIGHT_IRIS = 473, 468  # the centre points; each is followed by four around it
 
 EDGES = (10, 152, 234, 454)  # top of the forehead, chin, and the sides of the face
 

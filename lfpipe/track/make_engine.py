@@ -20,6 +20,6 @@ def make_engine(track: Track, portable: bool = False) -> Engine:
     if name == "mediapipe":
         from lfpipe.track.mediapipe_engine import MediapipeEngine
 
-        return MediapipeEngine(track.refine)
+        return MediapipeEngine()
     engine: Engine = make(ENGINES, name, track)
     return engine

@@ -12,14 +12,13 @@ from lfpipe.errors import UserError
 from lfpipe.eyes import HEAD_POINTS
 from lfpipe.host.terminal import quiet_stderr
 from lfpipe.track.engine import Face
-from lfpipe.track.landmarks import EDGES, EYE_LINE, LEFT_EYE, LEFT_IRIS, RIGHT_EYE, RIGHT_IRIS
+from lfpipe.track.landmarks import EDGES, EYE_LINE, LEFT_EYE, RIGHT_EYE
 
 _BLANK = np.zeros((64, 64, 3), np.uint8)
 
 
 class MediapipeEngine:
-    """FaceMesh of one face on the CPU. refine: use the iris network; eye centres are then those of
-    the irises.
+    """FaceMesh of one face on the CPU.
 
     The graph reports no score, so confidence is 1. It chooses among several faces itself.
     Raises UserError if mediapipe is missing or has no FaceMesh.
@@ -28,7 +27,7 @@ class MediapipeEngine:
     name = "mediapipe"
     rotated_deg = 0
 
-    def __init__(self, refine: bool = False) -> None:
+    def __init__(self) -> None:
         os.environ.setdefault("GLOG_minloglevel", "2")
         os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
         try:
@@ -43,13 +42,11 @@ class MediapipeEngine:
                 " mediapipe==0.10.21, the last version with FaceMesh (up to Python 3.12); the"
                 " FaceLandmarker of newer ones cannot run its networks",
             ) from None
-        self.model = f"FaceMesh{' with iris refinement' if refine else ''}, mediapipe {version}"
-        self._eyes = (
-            [[LEFT_IRIS], [RIGHT_IRIS]] if refine else [LEFT_EYE.tolist(), RIGHT_EYE.tolist()]
-        )
+        self.model = f"FaceMesh, mediapipe {version}"
+        self._eyes = LEFT_EYE.tolist(), RIGHT_EYE.tolist()
         self._noisy = True  # the graph logs at its start, first picture and first face
         with quiet_stderr():
-            self._mesh: Any = make(max_num_faces=1, refine_landmarks=refine)
+            self._mesh: Any = make(max_num_faces=1, refine_landmarks=False)
             self._mesh.process(_BLANK)
 
     def detect(self, image: NDArray[np.uint8]) -> Face | None:
