@@ -117,7 +117,6 @@ class SessionMetrics:
     session: str
     uptime_s: float
     camera_fps: float
-    """A warning if the camera delivers clearly fewer frames than agreed."""
     level: int
     """Of quality; 0 is full."""
     lowest_level: int
