@@ -146,7 +146,7 @@ def replay(
     pace: step, max, recorded or a rate in Hz. pictures: store some for comparison. Raises UserError
     for a user error, ReplayFailed if a stage fails, signals.Interrupted.
     """
-    from lfpipe.supervisor.session import EndKind, run_session
+    from lfpipe.supervisor.session import run_session
     from lfpipe.transport.session import Session
 
     steady = pace in STEADY
@@ -166,9 +166,9 @@ def replay(
     outcome = run_session(Session(f"replay.{os.getpid()}"), config, options, tell)
     if outcome.user_error:
         raise UserError(outcome.failure or outcome.reason, outcome.remedy)
-    if outcome.kind is EndKind.SIGNAL:
+    if outcome.signum:
         raise signals.Interrupted(outcome.signum)
-    if outcome.failure or outcome.kind is not EndKind.SOURCE_ENDED:
+    if outcome.failure or not outcome.source_ended:
         raise ReplayFailed(outcome.failure or outcome.reason)
     assert outcome.final is not None
     report = make_report(sequence, field, config, pace, folder, outcome.final)

@@ -182,39 +182,30 @@ class PendingAnswers:
     def __bool__(self) -> bool:
         return bool(self._pending)
 
-    def await_revision(
-        self, request: Request, answer: Message, rev: int, t_ns: int, on_trial: bool
-    ) -> None:
-        """The answer waits until the stages have applied revision rev. t_ns: now. on_trial: whether
-        a rollback undoes the request.
-        """
-        self._pending[next(self._numbers)] = _Pending(
-            request=request,
-            answer=answer,
-            until_ns=t_ns + APPLY_NS,
-            rev=rev,
-            on_trial=on_trial,
-        )
-
-    def await_stages(
+    def add(
         self,
         request: Request,
-        stages: Collection[str],
         t_ns: int,
         answer: Message | None = None,
+        *,
+        rev: int = 0,
+        stages: Collection[str] = (),
         starts: bool = False,
         on_trial: bool = False,
         then: Then | None = None,
     ) -> int:
-        """The answer is that of the stages; returns the number to send with the command. answer:
-        with it. starts: whether they start for it. on_trial: as in `await_revision`. then: makes
-        the reply once they have executed it.
+        """The answer waits until the stages have applied revision rev, or `stages` have executed
+        the command that is sent with the returned number. t_ns: now. starts: whether they start for
+        it. on_trial: whether a rollback undoes the request. then: makes the reply once they have
+        executed it.
         """
         number = next(self._numbers)
+        limit_ns = APPLY_NS if rev else START_NS if starts else EXECUTE_NS
         self._pending[number] = _Pending(
             request=request,
             answer={"ok": True, **(answer or {})},
-            until_ns=t_ns + (START_NS if starts else EXECUTE_NS),
+            until_ns=t_ns + limit_ns,
+            rev=rev,
             on_trial=on_trial,
             missing=set(stages),
             starts=starts,

@@ -5,7 +5,6 @@ The loop runs in the main thread; it never blocks on a child, and polls in one p
 """
 
 import contextlib
-import enum
 import logging
 import traceback
 from collections import deque
@@ -13,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from functools import partial
 from types import FrameType
+from typing import Any
 
 import attrs
 import zmq
@@ -74,23 +74,14 @@ REPLACED = {
 }
 
 
-class EndKind(enum.Enum):
-    """The cause of a session's end."""
-
-    SOURCE_ENDED = enum.auto()
-    DURATION = enum.auto()
-    REQUEST = enum.auto()
-    SIGNAL = enum.auto()
-    FAILURE = enum.auto()
-
-
 @attrs.define(kw_only=True)
 class Outcome:
     """The end of a session."""
 
-    kind: EndKind
     reason: str
     """In a few words."""
+    source_ended: bool = False
+    """Whether the source has ended."""
     signum: int = 0
     """The signal, if that is the cause."""
     failure: str | None = None
@@ -203,16 +194,16 @@ class LiveSession:
         self._faults = list(faults(self._table.rows, now_ns()))  # before the stages stop
         self.stages.stop()
         if outcome.failure is None:
-            outcome = self._failure_at_end(outcome) or outcome
+            outcome = self._with_failure(outcome)
         end_ns = now_ns() + SECOND_NS
         while self._sockets.wait(LAST_MS) and now_ns() < end_ns:  # the last ones of the stages
             self._take_messages()
         self._deliver()
         return attrs.evolve(outcome, final=final)
 
-    def _end(self, outcome: Outcome) -> None:
-        """Ends the session; only the first outcome counts."""
-        self._outcome = self._outcome or outcome
+    def _end(self, reason: str, **more: Any) -> None:
+        """Ends the session; only the first outcome counts. more: as in `Outcome`."""
+        self._outcome = self._outcome or Outcome(reason=reason, **more)
 
     def _apply(self, state: SessionState) -> None:
         """Stores a state, if it is another one."""
@@ -239,13 +230,10 @@ class LiveSession:
         # later in a live session, the missing thing may return
         if mistake and (first or isinstance(state.options.clock, Lossless)):
             self._end(
-                Outcome(
-                    kind=EndKind.FAILURE,
-                    reason=f"{name} could not {'start' if first else 'continue'}",
-                    failure=mistake.message,
-                    remedy=mistake.remedy,
-                    user_error=True,
-                )
+                f"{name} could not {'start' if first else 'continue'}",
+                failure=mistake.message,
+                remedy=mistake.remedy,
+                user_error=True,
             )
             return
         phase = "RUNNING" if row["ready_ns"] else "STARTING"
@@ -259,14 +247,11 @@ class LiveSession:
         stack = process.last_stack()
         many = f"{name} failed {MAX_FAILURES} times in {MAX_RESTARTS_WINDOW_S:.0f} s"
         left = f"its last stack:\n{stack}" if stack else "it left no stack"
-        self._fail(
+        self._end(
             many,
-            f"{many}, last in {phase} with {how}{why}, after source_seq {last}; {left}",
-            "see the messages above; `lfpipe doctor` checks the machine",
+            failure=f"{many}, last in {phase} with {how}{why}, after source_seq {last}; {left}",
+            remedy="see the messages above; `lfpipe doctor` checks the machine",
         )
-
-    def _fail(self, reason: str, failure: str, remedy: str) -> None:
-        self._end(Outcome(kind=EndKind.FAILURE, reason=reason, failure=failure, remedy=remedy))
 
     def _undo(self, stage: str, error: UserError) -> None:
         """Undoes the newest change, on which a stage failed.
@@ -295,9 +280,9 @@ class LiveSession:
         options = self.state.options
         self.stages.ensure_running(options)
         if self.stages.finished(self.state.level.every):
-            self._end(Outcome(kind=EndKind.SOURCE_ENDED, reason="the source has ended"))
+            self._end("the source has ended", source_ended=True)
         if not self.stages.needed(options, or_alive=True):
-            self._fail(RECORDER_ENDED, RECORDER_ENDED, "see the messages above")
+            self._end(RECORDER_ENDED, failure=RECORDER_ENDED, remedy="see the messages above")
 
     # the course of the session
 
@@ -369,33 +354,32 @@ class LiveSession:
         """
         removed = self._store.removed() if lock.in_place() else self._session.run_dir
         if removed:
-            self._fail(
+            self._end(
                 "its files were removed",
-                f"{removed} was removed while the session ran",
-                "find the program that cleans that folder, and exclude lfpipe-*",
+                failure=f"{removed} was removed while the session ran",
+                remedy="find the program that cleans that folder, and exclude lfpipe-*",
             )
 
     def _check_limits(self, duration_s: float | None, signals: Sequence[int]) -> None:
         """Ends a session on a signal, or after its duration."""
         if signals:
-            self._end(Outcome(kind=EndKind.SIGNAL, reason="interrupted", signum=signals[0]))
+            self._end("interrupted", signum=signals[0])
         if duration_s is None:
             return
         t_ns = now_ns()
         if self._end_ns is None and self.stages.are_ready(self.state.options):
             self._end_ns = t_ns + int(duration_s * SECOND_NS)
         if self._end_ns is not None and t_ns >= self._end_ns:
-            self._end(Outcome(kind=EndKind.DURATION, reason="finished (--duration reached)"))
+            self._end("finished (--duration reached)")
 
-    def _failure_at_end(self, outcome: Outcome) -> Outcome | None:
-        """A failure that overrides the normal end of a session: an output that a stage of a
+    def _with_failure(self, outcome: Outcome) -> Outcome:
+        """The outcome, or a failure that overrides a normal end: an output that a stage of a
         lossless session could not write at its end, a part that never worked, an output that ended
         early.
         """
         for process in self.stages if isinstance(self.state.options.clock, Lossless) else ():
             if mistake := process.mistake():
                 return Outcome(
-                    kind=EndKind.FAILURE,
                     reason=f"{process.stage.name} could not end",
                     failure=mistake.message,
                     remedy=mistake.remedy,
@@ -414,8 +398,8 @@ class LiveSession:
             failure = f"{outcome.reason}, but {files} incomplete"
             remedy = "see the messages above; free disk space, or use files on another disk"
         else:
-            return None
-        return Outcome(kind=outcome.kind, reason=outcome.reason, failure=failure, remedy=remedy)
+            return outcome
+        return attrs.evolve(outcome, failure=failure, remedy=remedy)
 
     # requests and telemetry
 
@@ -494,8 +478,7 @@ class LiveSession:
             self._answer_applied(request, reply)
         if reply.stop:
             closed = request.sender == SHOWN_BY
-            reason = "the window was closed" if closed else "stopped by command"
-            self._end(Outcome(kind=EndKind.REQUEST, reason=reason))
+            self._end("the window was closed" if closed else "stopped by command")
 
     def _command(self, request: Request, reply: Reply) -> None:
         """Lets stages execute a request: those that run by a message, and those that start with the
@@ -504,11 +487,11 @@ class LiveSession:
         before, then = self.state, reply.then
         if reply.state is not None:
             self._apply(reply.state)
-        number = self._pending.await_stages(
+        number = self._pending.add(
             request,
-            reply.executed_by,
             now_ns(),
             reply.answer,
+            stages=reply.executed_by,
             starts=reply.state is not None,
             on_trial=self.state.replaces_basis_of(before),
             then=then and (lambda answers: then(self.state, answers)),
@@ -530,7 +513,7 @@ class LiveSession:
             self._answer(request, answer)
         else:
             on_trial = state.replaces_basis_of(before)
-            self._pending.await_revision(request, answer, state.rev, now_ns(), on_trial)
+            self._pending.add(request, now_ns(), answer, rev=state.rev, on_trial=on_trial)
 
     def _take_scenes(self) -> None:
         """Shows scenes that are packed now."""

@@ -20,7 +20,7 @@ from lfpipe.cli.sequence import record
 from lfpipe.errors import UserError
 from lfpipe.sequence.folder import Sequence, new_sequence, open_sequence
 from lfpipe.sequence.packets import INDEX, encoded
-from lfpipe.supervisor.session import EndKind, Outcome
+from lfpipe.supervisor.session import Outcome
 from tests.support.world import World, runs
 
 SMALL = ("--set", "camera.width_px=320", "--set", "camera.height_px=240")
@@ -74,7 +74,7 @@ def test_record_that_ends_before_its_first_frame_fails(
     """Ctrl-C while the camera starts left nothing, said nothing, and ended with 0."""
     monkeypatch.setattr(
         "lfpipe.cli.sequence.run_session",
-        lambda *_: Outcome(kind=EndKind.SIGNAL, reason="interrupted"),
+        lambda *_: Outcome(reason="interrupted", signum=2),
     )
     words = [str(tmp_path / "walk"), "--camera", "demo"]
     ended = CliRunner().invoke(record, words, standalone_mode=False)
