@@ -21,17 +21,20 @@ NOWHERE: Eyes = (0.0, 0.0, 0.0, 0.0)
 HIDE_DROP, RELEASE_DROP = 10.0, 4.0  # a face is held below the first, released above the second
 TRUST_DROP = 2.0  # below it, a frame's position may be held later
 USUAL_S = 1.0  # time constant of the usual confidence: nothing is held for much longer
-MAX_PULL = 0.4  # eye distances: maximum displacement of both eyes by a hand
-# Eye distances per second: a face that moved faster while unoccluded is not held. It leaves the
-# picture or turns away; hands cover faces at rest.
-MAX_HELD_SPEED = 1.0
+# Eye distances: maximum displacement of both eyes by a hand, and minimum difference between them:
+# a hand pulls the eye that it covers, and darkness none.
+MAX_PULL, MIN_PULL = 0.4, 0.1
+# Eye distances per second: a face that moved faster while unoccluded is not held. Hands pull faces
+# at rest by up to as much before the confidence falls.
+MAX_HELD_SPEED = 0.5
 
 
 class OcclusionHold:
     """Detects occlusion of the face: its confidence falls, and landmarks follow a hand.
 
-    The eyes are then held at their last position before the confidence fell, unless the face was
-    moving, or moves by more than a hand can pull it.
+    The eyes are then held at their last position before the confidence fell, unless the face moves
+    by more than a hand can pull it. Of a face that was moving, the eye that has moved less places
+    both where a hand pulls the other one; otherwise it is followed.
     """
 
     def __init__(self) -> None:
@@ -45,6 +48,9 @@ class OcclusionHold:
         self._usual = logit
         self._trusted_px = eyes_px
         self._moved = False  # while it was unoccluded
+        self._pulled = False  # whether a hand pulls one eye of a face that was moving
+        self.eyes_px = eyes_px
+        """To be filtered, unless they are held."""
         self.held = False
         """Whether to hold the eyes."""
         self.trusted = True
@@ -64,13 +70,15 @@ class OcclusionHold:
         """
         self._usual = max(logit, self._usual + min(dt_s / USUAL_S, 1.0) * (logit - self._usual))
         lx, ly, rx, ry = self._trusted_px
-        off_px = min(
-            math.hypot(eyes_px[0] - lx, eyes_px[1] - ly),
-            math.hypot(eyes_px[2] - rx, eyes_px[3] - ry),
-        )
+        left, right = (eyes_px[0] - lx, eyes_px[1] - ly), (eyes_px[2] - rx, eyes_px[3] - ry)
+        x, y = min(left, right, key=lambda step: math.hypot(*step))
         was_held = self.held
-        hidden = logit < self._usual - (RELEASE_DROP if was_held else HIDE_DROP)
-        self.held = hidden and not self._moved and off_px < MAX_PULL * max(eye_distance_px, 1.0)
+        hidden = logit < self._usual - (RELEASE_DROP if was_held or self._pulled else HIDE_DROP)
+        unit_px = max(eye_distance_px, 1.0)
+        self.held = hidden and not self._moved and math.hypot(x, y) < MAX_PULL * unit_px
+        apart = math.dist(left, right) / unit_px
+        self._pulled = hidden and self._moved and MIN_PULL < apart < MAX_PULL
+        self.eyes_px = (lx + x, ly + y, rx + x, ry + y) if self._pulled else eyes_px
         released = was_held and not self.held
         self.trusted = logit > self._usual - TRUST_DROP or released
         if self.trusted:
@@ -172,7 +180,9 @@ class EyeTracker:
             self._position_px = self._trusted_position_px
             self._velocity_px_s = NOWHERE
             return
-        position, velocity = self._filter.update(t_sensor_ns, face.eyes_px)
+        position, velocity = self._filter.update(
+            t_sensor_ns, np.reshape(self._occlusion.eyes_px, (2, 2))
+        )
         ((a, b), (c, d)), ((u, v), (p, q)) = position.tolist(), velocity.tolist()
         self._position_px, self._velocity_px_s = (a, b, c, d), (u, v, p, q)
         if self._occlusion.trusted:

@@ -79,6 +79,21 @@ def test_a_face_that_moves_is_not_held_when_its_confidence_falls(
     assert hidden.held == held
 
 
+@pytest.mark.parametrize("left_px", [0.0, 15.0], ids=["dark", "hand"])
+def test_a_moving_face_is_followed_by_the_eye_that_no_hand_pulls(left_px: float) -> None:
+    """Darkness moves neither eye; both froze the picture of a face below an eye distance a second,
+    and a hand pulled a faster one. Eyes 60 px apart.
+    """
+    hidden = OcclusionHold()
+    hidden.reset(20.0, eyes_at(300.0))
+    for k in range(1, 40):
+        x = 300.0 + 1.2 * k
+        covered = k >= 20
+        logit = 7.0 if covered else 20.0
+        hidden.update(logit, eyes_at(x, left_px * covered), 60.0, 1 / 30, 36.0)
+        assert hidden.eyes_px == pytest.approx(eyes_at(x)) and not hidden.held
+
+
 def eyes_at(x: float, left_px: float = 0.0) -> tuple[float, float, float, float]:
     """Eyes 60 px apart. left_px: what a hand adds to the left one."""
     return x + 30.0 + left_px, 200.0, x - 30.0, 200.0
