@@ -22,7 +22,7 @@ from lfpipe.render.display.refresh import (
 )
 from lfpipe.render.presentation import ANSWER_NS, HANDOVER, REPLACED, Presentation, take_known
 from tests.render import rendered
-from tests.render.simulated_screen import SimulatedScreen, late_share
+from tests.render.simulated_screen import SimulatedScreen, shown
 
 MS = 1_000_000
 AGE_NS = 5 * MS  # from a frame's stamp to its eyes
@@ -228,9 +228,9 @@ def test_screen_refresh_lead_shrinks_to_what_is_needed() -> None:
     refresh = ScreenRefresh(60.0, T0_NS)
     wide_ns = 0
     refresh.clock.vblank(T0_NS)
-    for k in range(80):  # late, each begun after the one before; then a period early
+    for k in range(120):  # late, each begun after the one before; then a period early
         t_ns = k * 100 * MS
-        late_ms = 17 if k < 40 else -17
+        late_ms = 17 if k < 80 else -17
         wide_ns = max(wide_ns, refresh.lead_ns())
         refresh.judge(t_ns, t_ns - 30 * MS, t_ns + late_ms * MS)
     assert wide_ns > 30 * MS and refresh.lead_ns() < 5 * MS
@@ -298,7 +298,33 @@ def test_screen_refresh_is_punctual_at_any_cost_of_a_picture(
     rate_hz: float, periods: float
 ) -> None:
     screen = SimulatedScreen(rate_hz=rate_hz, claimed_hz=rate_hz)
-    assert late_share(screen, periods * 1e3 / rate_hz) <= 0.01
+    assert shown(screen, periods * 1e3 / rate_hz).late <= 0.01
+
+
+@pytest.mark.parametrize("rate_hz", [60.0, 144.0])
+@pytest.mark.parametrize("queue", [1, 2, 3])
+@pytest.mark.parametrize("periods", [0.2, 0.5])
+def test_screen_refresh_empties_the_queue_of_a_screen(
+    rate_hz: float, queue: int, periods: float
+) -> None:
+    """Each picture was late by a vblank, for good, where the screen shows the oldest one."""
+    screen = SimulatedScreen(rate_hz=rate_hz, claimed_hz=rate_hz, queue=queue)
+    late, wait = shown(screen, periods * 1e3 / rate_hz)
+    assert late <= 0.05 and wait < 1
+
+
+@pytest.mark.parametrize("deadline_ms", [14.0, 20.0, 30.0])
+def test_screen_refresh_takes_a_compositor_that_works_ahead_for_no_queue(
+    deadline_ms: float,
+) -> None:
+    screen = SimulatedScreen(rate_hz=60.0, claimed_hz=60.0, deadline_ms=deadline_ms)
+    assert shown(screen, 5.0).late <= 0.01
+
+
+@pytest.mark.parametrize("queue", [1, 2, 3])
+def test_screen_refresh_leaves_a_queue_that_late_wakes_fill(queue: int) -> None:
+    screen = SimulatedScreen(rate_hz=144.0, claimed_hz=144.0, queue=queue, late_wakes=0.1)
+    assert shown(screen, 1.4).late <= 0.1
 
 
 @pytest.mark.parametrize(
@@ -316,4 +342,4 @@ def test_screen_refresh_is_punctual_at_any_cost_of_a_picture(
     ids=str,
 )
 def test_screen_refresh_finds_the_vblanks_of_any_screen_in_5_s(screen: SimulatedScreen) -> None:
-    assert late_share(screen, 3.0) <= 0.02
+    assert shown(screen, 3.0).late <= 0.02

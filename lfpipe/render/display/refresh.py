@@ -109,6 +109,10 @@ EARLY_STEP_NS = MS_NS
 # still now and then is late with any margin; the next ones by twice as much each.
 MIN_STEP_NS, MAX_STEP_NS = MS_NS // 2, MS_NS
 SOON = 20  # pictures
+# A screen may show the oldest of several pictures in flight. After a late one, each then takes the
+# vblank of the next, for good: after this many in a row, as many vblanks as they are late get no
+# picture. If that does not help, the compositor takes pictures ahead.
+MAX_QUEUED = 20
 # Punctual pictures narrow the margin, by the cube of their number since the last late one: by the
 # least step in 500, so that 1 picture in 500 is late, and by 8 ms in 1000.
 NARROWING = 4 * MIN_STEP_NS / 500**4
@@ -188,6 +192,8 @@ class ScreenRefresh(Refresh):
         # by how much more than a period before its vblank a picture may be submitted
         self._ahead_ns = 0.0
         self._changed_ns = 0  # when a late or early picture changed the margin
+        self._queued = 0  # pictures in a row that waited for an earlier one
+        self._margin_before_ns = self._margin_ns  # the first of them
 
     @property
     def period_ns(self) -> int:
@@ -238,10 +244,19 @@ class ScreenRefresh(Refresh):
 
         Late: the lead was too short. A whole period early: too long. A picture begun before the
         margin changed is no evidence about the new margin, and one that its own process submitted
-        a period too late is a stall, unless that has happened lately.
+        a period too late is a stall, unless that has happened lately. A late one that was submitted
+        more than a period before it was shown waited for another, which no margin changes.
         """
         period_ns = self.clock.period_ns
         vblanks = round((t_presented_ns - target_ns) / period_ns)
+        if vblanks <= 0 or t_presented_ns - t_handed_ns <= period_ns:
+            self._queued = 0
+            self._margin_before_ns = self._margin_ns
+        self._queued += vblanks > 0
+        if self._queued == MAX_QUEUED:
+            self._due_ns += round(vblanks * period_ns)
+            self._margin_ns = self._margin_before_ns + MAX_STEP_NS
+            self._changed_ns = t_presented_ns
         self._since_stall += 1
         stalled = t_handed_ns >= target_ns + period_ns
         is_single = stalled and self._since_stall > SOON
