@@ -12,7 +12,6 @@ import random
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 import zlib
@@ -29,7 +28,7 @@ from lfpipe.transport import control, ring, status
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import State
-from tests.support.world import World, connected, write_scene
+from tests.support.world import World, connected, private_world, write_scene
 
 STAGES = ("capture", "track", "render")
 LETHAL = ("kill", "terminate", "stop")
@@ -378,7 +377,7 @@ def main() -> int:
     parser.add_argument("count", type=int, help="faults")
     parser.add_argument("--seed", type=int, default=3)
     words = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder, World(Path(folder)) as world, world.entered():
+    with private_world() as world:
         soak = Soak(world, words.seed)
         wrong = soak.run(words.count)
         seen = f"{soak.watcher.frames} frames, {soak.watcher.pictures} pictures"

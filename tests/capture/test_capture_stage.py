@@ -92,7 +92,9 @@ class Captured:
     source: Source
     recorder: Recorder = attrs.field(factory=Recorder)
 
-    def run(self, *given: int | Exception | Call) -> list[Stamp]:
+    def run(
+        self, *given: int | Exception | Call, while_paused: Callable[[int], object] = bool
+    ) -> list[Stamp]:
         """What is published while the source gives that."""
         self.source.given += given
         recorder: Any = self.recorder
@@ -104,6 +106,7 @@ class Captured:
         def wait(until_ns: int) -> bool:
             while (stamp := frames.read_next(out)) is not None:
                 read.append(stamp)
+            while_paused(until_ns)
             return self.source.wait(until_ns)
 
         self.context.clock = wait
@@ -187,6 +190,27 @@ def test_paused_a_camera_is_read_and_nothing_published(capture: Capture) -> None
     stamps = made.run(1, lambda: made.context.hear(paused=True), 1, 1)
     assert len(stamps) == 1 and made.context.row["left_out"] == 2
     assert made.context.row["config_rev"] == 2 and len(made.recorder.kept) == 1
+
+
+def test_a_recording_stands_still_while_paused(capture: Capture) -> None:
+    made = capture(False)
+    begun: list[int] = []
+
+    def pause() -> None:
+        begun.append(made.source.t_ns)
+        made.context.hear(paused=True)
+
+    def wait(until_ns: int) -> bool:
+        if made.context.paused and made.source.wait(made.source.t_ns + SECOND_NS):
+            made.context.hear(paused=made.source.t_ns < begun[0] + 10 * SECOND_NS)
+        return True
+
+    stamps = made.run(1, 1, pause, 1, 1, while_paused=wait)
+    assert [one.source_seq for one in stamps] == [0, 1, 3], "one was under way"
+    row = made.context.row
+    assert row["drops"] + row["left_out"] == 1
+    moved_ns = stamps[-1].t_sensor_ns - (2 * SECOND_NS + 3 * PERIOD_NS)
+    assert 9 * SECOND_NS < moved_ns < 12 * SECOND_NS, "and so did its clock"
 
 
 def test_while_nobody_looks_eight_frames_a_second_are_enough(capture: Capture) -> None:

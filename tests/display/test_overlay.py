@@ -11,14 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.config import choices
 from lfpipe.render.display.overlay import NO_EVENT, Event, Item, Menu, Overlay
 from lfpipe.render.display.window import TEXT_PX
 from lfpipe.render.display.window_system import font
 from lfpipe.render.ui import overlay_view
 from lfpipe.render.ui.calibration import Distance, calibration_page
 from lfpipe.render.ui.folders import folder_menu
-from lfpipe.render.ui.glasses import KINDS, glasses_menu
+from lfpipe.render.ui.glasses import glasses_menu
 from lfpipe.render.ui.keys import ACTION_OF, DEPTH, HELP, KEYS, bar_items
 from lfpipe.render.ui.look import NOT_LIT
 from lfpipe.render.ui.overlay_view import EDGE_PX, ItemPanel, OverlayView, bar_panel, menu_panel
@@ -235,22 +234,6 @@ def test_bar_goes_by_itself_but_not_while_the_slider_is_held(
     assert screened.panels((1920, 1080), 22) == []
 
 
-@pytest.mark.parametrize("size", SIZES[:2])
-def test_glasses_menu_entries_can_be_clicked(size: tuple[int, int]) -> None:
-    menu = glasses_menu("mono")
-    assert {value for *_, value in KINDS} <= set(choices("render.anaglyph"))
-    screened = Screened(size, Overlay(menu=menu, notices=("camera lost, trying again",)))
-    panels = [panel.surface.get_rect(topleft=panel.at) for panel in screened.panels(size, 22)]
-    assert len(panels) == 2 and not panels[0].colliderect(panels[1])
-    assert all(pygame.Rect((0, 0), size).contains(panel) for panel in panels)
-    assert set(screened.clicked()) == {None, Event("close"), *(item.event for item in menu.items)}
-    assert [screened.key(key) for key in ("enter", "right", "enter")] == [
-        Event("wear", "mono"),
-        None,
-        Event("wear", "dubois"),
-    ]
-
-
 @pytest.mark.parametrize("size", SIZES[1:2])
 def test_menu_of_several_pages_is_turned_by_touch(size: tuple[int, int]) -> None:
     items = tuple(Item(f"scene {number}", Event("load", str(number))) for number in range(99))
@@ -264,22 +247,6 @@ def test_menu_of_several_pages_is_turned_by_touch(size: tuple[int, int]) -> None
             assert screened.click(*rect.move(screened.draw().at).center) is None
         assert screened.key("enter") == Event("load", "98" if turn == "pagedown" else "0")
     assert {item.event for item in items} <= reached
-
-
-def test_wheel_turns_the_pages_of_a_menu_and_is_for_the_picture_without_one() -> None:
-    items = tuple(Item(f"scene {number}", Event("load", str(number))) for number in range(99))
-    screened = Screened((1280, 800), Overlay(menu=Menu("Choose a scene", "a hint", items)))
-
-    def turned(steps: int) -> Event | None:
-        event = SimpleNamespace(type=pygame.MOUSEWHEEL, y=steps)
-        return screened.mouse(event, (640, 400))  # type: ignore[arg-type]
-
-    page = screened.draw().page
-    for steps, at in ((-1, page), (-1, 2 * page), (1, page), (1, 0), (1, 0)):
-        assert turned(steps) == NO_EVENT
-        assert screened.draw() and screened.key("enter") == items[at].event
-    screened.set(Overlay())
-    assert screened.panels((1280, 800), 22) == [] and turned(-1) is None
 
 
 @examples(20)

@@ -2,85 +2,18 @@
 a starved host.
 """
 
-import itertools
-import os
 import shutil
 import signal
-import time
 from pathlib import Path
 
 import psutil
 import pytest
 
-from lfpipe.supervisor.stage_process import HANG_S
 from lfpipe.transport.clock import SLEPT_NS, SleepWatch
 from tests.support.world import World
 from tests.support.xvfb_screen import x_server
 
 RATE_HZ = 30
-
-
-def _presented(world: World, t_ns: int) -> list[int]:
-    return [t for line in world.lines() if (t := line["t_presented_ns"]) >= t_ns]
-
-
-def _back_at(world: World, t_ns: int, rate_hz: float) -> bool:
-    """Whether half a second since t_ns had pictures at nine tenths of the rate or more."""
-    stamps = _presented(world, t_ns)
-    return any(b - a <= 5e8 for a, b in zip(stamps, stamps[int(0.45 * rate_hz) :], strict=False))
-
-
-def test_processes_stopped_and_continued_are_back_at_rate(
-    world: World, scene: Path, clip: Path
-) -> None:
-    sets = (
-        "--set",
-        "render.clock=display",
-        "--set",
-        f"render.rate_hz={RATE_HZ}",
-        "--set",
-        "render.method=nearest",
-    )
-    supervisor = world.shows(
-        scene,
-        *sets,
-        camera=f"file:{clip}?loop=1&pace={RATE_HZ}",
-        start_new_session=True,
-        pictures=30,
-    )
-    before = {name: stage["pid"] for name, stage in world.monitor()["stages"].items()}
-    pids = {name: [pid] for name, pid in before.items()} | {"supervisor": [supervisor.pid]}
-    pids["all"] = list(itertools.chain.from_iterable(pids.values()))
-    # longer and shorter than a stage may be silent
-    long_s = HANG_S + 0.4
-    short_s = 1.2
-    for name, for_s in (("all", long_s), ("render", short_s), ("supervisor", long_s)):
-        t_from_ns = time.monotonic_ns()
-        world.wait_for(
-            lambda t=t_from_ns: len(_presented(world, t)) > RATE_HZ, "a second of pictures"
-        )
-        t_stop_ns = time.monotonic_ns()
-        usual_hz = min(RATE_HZ, len(_presented(world, t_stop_ns - 10**9)))
-        for pid in pids[name]:
-            os.kill(pid, signal.SIGSTOP)
-        time.sleep(for_s)
-        if name == "supervisor":
-            wanted = 0.8 * usual_hz * for_s
-            world.wait_for(
-                lambda t=t_stop_ns, n=wanted: len(_presented(world, t)) >= n,
-                "pictures, which need no supervisor",
-            )
-        t_go_ns = time.monotonic_ns()
-        for pid in pids[name]:
-            os.kill(pid, signal.SIGCONT)
-        world.wait_for(lambda t=t_go_ns, hz=usual_hz: _back_at(world, t, hz), "usual rate")
-        stamps = _presented(world, t_go_ns)
-        burst = max(sum(t <= other < t + 100_000_000 for other in stamps) for t in stamps)
-        assert burst <= 0.1 * RATE_HZ * 2 + 1, f"{name}: missed time is skipped, not made up for"
-    after = world.monitor()["stages"]
-    assert {name: (stage["pid"], stage["restarts"]) for name, stage in after.items()} == {
-        name: (pid, 0) for name, pid in before.items()
-    }, "no stage counted as hung"
 
 
 def test_sleep_watch_notices_a_sleep_once() -> None:

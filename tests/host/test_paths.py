@@ -94,14 +94,6 @@ def test_a_path_that_cannot_be_examined_is_refused(
     assert done.stdout.split("\n")[:-1] == ["refused"] * len(commands), done.stdout + done.stderr
 
 
-def test_settings_that_cannot_be_examined_are_named(
-    world: World, scene: Path, locked: Path, as_nobody: list[str]
-) -> None:
-    for command in (("up", scene, *UP), ("doctor",), ("kiosk", "install", scene)):
-        done = run(world, *as_nobody, *LFPIPE, *command, XDG_CONFIG_HOME=str(locked))
-        assert done.returncode in (1, 2) and str(locked) in done.stderr + done.stdout
-
-
 def test_a_recent_scene_that_cannot_be_examined_stops_nothing(
     world: World, scene: Path, locked: Path, as_nobody: list[str]
 ) -> None:

@@ -12,9 +12,7 @@ from lfpipe.eyes import MAX_STEP_NS
 from lfpipe.render.synthesis.viewpoint import Place
 from lfpipe.render.viewer.presence import (
     ABSENT_S,
-    AWAY_S,
     EASED_VIEWS,
-    HOLD_S,
     REST_S,
     REST_SPAN,
     RETURN_SPAN,
@@ -160,48 +158,8 @@ def test_presence_seats_a_returning_viewer_at_once(back: Rest, away_s: float, kn
     assert (subject.state is SE and rest is not None and rest.x_px == HOME.x_px) == known
 
 
-@pytest.mark.parametrize(("aside_px", "anew"), [(30.0, True), (15.0, False)])
-@pytest.mark.parametrize("seen", [True, False], ids=["another face", "nobody"])
-def test_presence_measures_the_next_person_in_a_former_seat(
-    aside_px: float, anew: bool, seen: bool
-) -> None:
-    """The next person kept the seat of the former one, up to an eye distance beside it."""
-    subject, _ = watched((HOME, 3.0, 0))
-    between = Rest(500.0, 210.0, 90.0) if seen else None
-    here = HOME._replace(x_px=HOME.x_px + aside_px)
-    measured: list[float] = []
-    for k in range(600):
-        generation, face = (1, between) if k < 120 else (2, here)
-        rest = subject.update(round(3.2e9) + k * FRAME_NS, face, generation)
-        measured += [rest.x_px] if rest is not None and k >= 120 else []
-    former = [HOME.x_px] * seen
-    assert measured == pytest.approx([*former, here.x_px] if anew else former)
-
-
-@pytest.mark.parametrize(
-    ("x", "away_s", "known"),
-    [(320.0, 2.0, True), (320.0, 28.0, True), (380.0, 2.0, False), (320.0, 32.0, False)],
-    ids=["soon", "in half a minute", "elsewhere", "later"],
-)
-def test_presence_keeps_the_former_seat_of_a_viewer_who_rests_elsewhere(
-    x: float, away_s: float, known: bool
-) -> None:
-    """A lean beyond the grid becomes the seat after a second; back in the former one, it counts
-    again within a quarter of a second.
-    """
-    subject, _ = watched((HOME, 3.0, 0))
-    measured: list[float] = []
-    for k in range(round((away_s + 0.3) * 30)):
-        back = k >= away_s * 30
-        here = Rest(x if back else 480.0, 200.0, 60.0)
-        rest = subject.update(round(4e9) + k * FRAME_NS, here, beyond=back or not measured)
-        measured += [rest.x_px] if rest is not None else []
-    assert measured == pytest.approx([480.0, HOME.x_px] if known else [480.0])
-
-
 STEP_NS = 16_666_667
 NEUTRAL: Place = (4.0, 2.0, 6.0)
-AWAY: Place = (5.0, 3.5, 7.5)
 
 
 def run(
@@ -224,20 +182,6 @@ def run(
                 )
             )
     return np.array(shown)
-
-
-def test_view_easing_holds_a_lost_view_and_leads_back() -> None:
-    easing = ViewEasing()
-    np.testing.assert_array_equal(run(easing, 0, 2, AWAY), [AWAY] * 2)  # nothing to ease from
-    hold = round(HOLD_S / STEP_NS * 1e9)
-    np.testing.assert_allclose(run(easing, 2, hold, None), [AWAY] * hold, atol=1e-9)
-    away = run(easing, 2 + hold, 1000, None)
-    shares = (away - NEUTRAL)[:, 1] / (AWAY[1] - NEUTRAL[1])
-    assert np.all(np.diff(shares) <= 1e-12) and shares[-1] < 1e-4
-    assert 0.7 < shares[round(AWAY_S / STEP_NS * 1e9)] < 0.77, "2 / e after the time constant"
-    back = run(easing, 1002 + hold, 8, AWAY)
-    assert np.abs(np.diff([away[-1], *back], axis=0)).max() <= EASED_VIEWS + 1e-9
-    np.testing.assert_array_equal(back[-1], AWAY)
 
 
 @given(

@@ -15,7 +15,6 @@ from lfpipe.host.presentation import Presented
 from lfpipe.render.display.refresh import (
     GAIN,
     LARGEST_STEP,
-    LONGEST_NS,
     Refresh,
     ScreenClock,
     ScreenRefresh,
@@ -67,18 +66,6 @@ def test_refresh_takes_its_phase_from_the_second_frame(
     assert abs(hear(refresh, camera_hz, numbers)[1][-1]) < 1e-3
 
 
-@pytest.mark.parametrize(
-    ("display_hz", "camera_hz", "every"),
-    # every third of 30 Hz would fit 50 Hz
-    [(60, 25, 1), (60, 24, 1), (50, 30, 1), (30, 60, 1), (60, 59, 1), (50, 30, 3)],
-)
-def test_refresh_leaves_rates_alone_that_do_not_fit(
-    display_hz: float, camera_hz: float, every: int
-) -> None:
-    due, _ = hear(Refresh(display_hz, T0_NS), camera_hz, range(0, 200 * every, every))
-    assert max(abs(t_ns - T0_NS - k * 1e9 / display_hz) for k, t_ns in enumerate(due)) <= 1
-
-
 @pytest.mark.parametrize("true_hz", [29.97, 30.02])
 def test_refresh_follows_a_rate_that_is_a_little_off(true_hz: float) -> None:
     refresh = Refresh(60.0, T0_NS)
@@ -87,31 +74,6 @@ def test_refresh_follows_a_rate_that_is_a_little_off(true_hz: float) -> None:
     assert max(map(abs, away[500:])) < 1.2 * drift / GAIN
     gaps = np.diff(due[30:]) / refresh.period_ns
     assert np.abs(gaps - 1).max() <= LARGEST_STEP + 1e-6
-
-
-def test_refresh_moves_by_one_step_at_most_for_a_late_frame() -> None:
-    refresh = Refresh(60.0, T0_NS)
-    hear(refresh, 30.0, range(99))
-    t_ns = T0_NS + round(99e9 / 30)
-    settled = off(refresh, t_ns)
-    refresh.add_eyes(99, t_ns, t_ns + AGE_NS + 6 * MS)
-    assert 0 < off(refresh, t_ns) - settled <= LARGEST_STEP + 1e-6
-
-
-@pytest.mark.parametrize(
-    ("first", "later_ms"), [(0, 100), (30, LONGEST_NS // MS + 300)], ids=["restart", "gap"]
-)
-def test_refresh_relocks_its_phase_after_a_gap_or_a_restart(first: int, later_ms: int) -> None:
-    refresh = Refresh(60.0, T0_NS)
-    hear(refresh, 30.0, range(30))
-    later_ns = T0_NS + round(29e9 / 30) + (later_ms + 5) * MS
-    assert abs(hear(refresh, 30.0, range(first, first + 3), later_ns)[1][-1]) < 1e-3
-
-
-def test_refresh_counts_those_that_pass_during_a_picture() -> None:
-    refresh = Refresh(50.0, T0_NS)
-    assert refresh.advance(T0_NS) == 0 and refresh.due_ns() == T0_NS + 20 * MS
-    assert refresh.advance(T0_NS + 75 * MS) == 2 and refresh.due_ns() == T0_NS + 80 * MS
 
 
 def test_refresh_due_ns_increases_for_any_camera_stamps() -> None:
@@ -138,43 +100,6 @@ def grid(
     random = np.random.default_rng(seed)
     ticks = np.flatnonzero(random.random(count) < shown)
     return [round(T0_NS + k * 1e9 / rate_hz + random.uniform(-jitter_ns, jitter_ns)) for k in ticks]
-
-
-@pytest.mark.parametrize(
-    ("rate_hz", "nominal_hz"), [(59.94, 60), (75.0, 75), (71.4, 75), (143.98, 144), (23.976, 24)]
-)
-@pytest.mark.parametrize("shown", [1.0, 0.3])
-def test_screen_clock_finds_its_grid_from_stamps_in_whole_ms(
-    rate_hz: float, nominal_hz: float, shown: float
-) -> None:
-    clock = ScreenClock(nominal_hz, T0_NS - 3 * MS)
-    vblanks = grid(rate_hz, 4000, 0.5 * MS, shown=shown)
-    for t_ns in vblanks:
-        clock.vblank(t_ns)
-    assert clock.measured and clock.rate_hz == pytest.approx(rate_hz, rel=2e-3)
-    k = round((vblanks[-1] - T0_NS) * rate_hz / 1e9)
-    true_ns = T0_NS + (k + 1) * 1e9 / rate_hz
-    assert abs(clock.nearest(true_ns + 2 * MS) - true_ns) < MS
-
-
-@pytest.mark.parametrize("reported", [True, False])
-def test_screen_clock_follows_the_rate_of_another_monitor(reported: bool) -> None:
-    """By the period that is reported, or else by the rate that the monitor claims."""
-    clock = ScreenClock(60, T0_NS)
-    later_ns = 10**10
-    for t_ns in grid(60.0, 200, 0.2 * MS):
-        clock.vblank(t_ns, 16_666_667 * reported)
-        clock.claim(60)
-    measured = clock.measured
-    assert measured
-    if not reported:
-        clock.claim(75)
-        assert not clock.measured and clock.rate_hz == pytest.approx(75)
-    other = grid(71.4, 600, 0.2 * MS)
-    for t_ns in other:
-        clock.vblank(t_ns + later_ns, 14_005_602 * reported)
-    assert clock.rate_hz == pytest.approx(71.4, rel=2e-3)
-    assert abs(clock.nearest(other[-1] + later_ns) - other[-1] - later_ns) < 0.5 * MS
 
 
 def test_screen_clock_ignores_a_stray_vblank_and_follows_a_phase() -> None:

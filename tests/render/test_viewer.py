@@ -19,16 +19,6 @@ from tests.render import rendered
 from tests.render.rendered import S, record, viewer
 
 
-def four_views() -> Viewer:
-    """Of a scene whose disparities are not known: four views between the eyes, at every
-    distance.
-    """
-    return Viewer(
-        attrs.evolve(rendered.field(9, 9, 16, 16), disparity_min_px=0.0, disparity_max_px=0.0),
-        Config(render=Render(method="warp2")),
-    )
-
-
 def middle(look: Viewpoints) -> tuple[float, float]:
     """Row and column between both eyes' views."""
     return look.left[0], (look.left[1] + look.right[1]) / 2
@@ -93,42 +83,6 @@ def test_viewer_recentre_makes_the_present_place_the_middle(
     assert middle(subject.viewpoints(record(344.0, 252.0), 6 * S, 6 * S)) == pytest.approx(
         (2.0, 3.0)
     )
-
-
-def distance_share(start: float, eye_distance: float, seconds: float) -> float:
-    """The share of its way that alpha has gone after a face was suddenly at another distance."""
-    subject = four_views()
-    alphas = list[float]()
-    for k in range(round(seconds * 240) + 1):
-        subject.viewpoints(
-            record(eye_distance=eye_distance if k else start), k * S // 240, k * S // 240
-        )
-        assert subject.solver is not None
-        alphas.append(subject.solver.alpha_px)
-    return (alphas[-1] / alphas[0] - 1) / (eye_distance / start - 1)
-
-
-@pytest.mark.parametrize(
-    ("eye_distance", "seconds", "share"),
-    [(61.0, 1.0, 1 - 1 / math.e), (30.0, 0.1, 1 - 1 / math.e), (30.0, 5.0, 1.0)],
-    ids=["noise: 2 % or less", "beyond it", "at last"],
-)
-def test_viewer_follows_a_distance_fast_and_its_noise_slowly(
-    eye_distance: float, seconds: float, share: float
-) -> None:
-    """Time constants, in which alpha goes 1 - 1/e of its way."""
-    assert distance_share(60.0, eye_distance, seconds) == pytest.approx(share, abs=0.01)
-
-
-def test_viewer_holds_a_view_for_three_seconds_and_returns_to_the_middle() -> None:
-    shown = script(viewer(alpha_px=20.0), (1.0, {"x": 370.0}), (12.0, {"x": 370.0, "face": 0}))
-    columns = [middle(look)[1] for look in shown]
-    left = columns[59]
-    assert abs(left - 4) > 1
-    held = round(2.9 * 60)
-    assert columns[60 : 60 + held] == pytest.approx([left] * held, abs=0.01)
-    assert abs(columns[60 + round(3.5 * 60)] - left) > 0.1
-    assert abs(columns[-1] - 4) < 0.05
 
 
 def test_viewer_set_quality_changes_how_views_are_drawn_and_not_where() -> None:

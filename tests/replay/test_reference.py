@@ -3,7 +3,6 @@
 import itertools
 import json
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -104,23 +103,6 @@ def test_a_replay_fails_whose_stage_had_to_be_restarted(
     assert not (out / "report.json").exists()
 
 
-@pytest.fixture(scope="module")
-def of_short(tmp_path_factory: pytest.TempPathFactory, short: Path, blocks: Path) -> Path:
-    """The reference of the short sequence."""
-    with World(tmp_path_factory.mktemp("reference")) as world:
-        world.done(
-            "replay",
-            short,
-            "--scene",
-            blocks,
-            *SETTINGS,
-            "--expect",
-            world.root / "made",
-            "--update",
-        )
-    return world.root / "made"
-
-
 def _changed(root: Path, file: str, before: str, after: str) -> Path:
     """A copy of the package with one thing changed."""
     shutil.copytree(
@@ -131,64 +113,6 @@ def _changed(root: Path, file: str, before: str, after: str) -> Path:
     assert text.count(before) == 1, f"{file} no longer says {before!r}: name another constant here"
     path.write_text(text.replace(before, after))
     return root / "changed"
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize(
-    ("file", "before", "after", "part", "named"),
-    [
-        (
-            "track/filters/noise.py",
-            "MIDPOINT_NOISE = 2.2",
-            "MIDPOINT_NOISE = 2.2000001",
-            "eyes",
-            "the filter or its constants",
-        ),
-        (
-            "render/synthesis/anaglyph.py",
-            "0.4561, 0.500484",
-            "0.4571, 0.499484",
-            "pictures",
-            "anaglyph coefficients",
-        ),
-    ],
-)
-def test_a_constant_changed_by_a_hair_is_caught_and_named(
-    world: World,
-    short: Path,
-    blocks: Path,
-    of_short: Path,
-    file: str,
-    before: str,
-    after: str,
-    part: str,
-    named: str,
-) -> None:
-    world.env["PYTHONPATH"] = str(_changed(world.root, file, before, after))
-    done = world.run(
-        "replay",
-        short,
-        "--scene",
-        blocks,
-        *SETTINGS,
-        "--expect",
-        of_short,
-        "--out",
-        world.root / "out",
-    )
-    assert done.returncode == 1, done.stdout + done.stderr
-    first = next(line for line in done.stdout.splitlines() if line.startswith("differs:"))
-    assert (
-        first.startswith(f"differs: {part}: frame ")
-        and named in first
-        and "in the reference" in first
-    )
-    if part == "pictures":
-        kinds = {
-            re.sub(r"frame_\d+_", "", path.name)
-            for path in (world.root / "out" / "difference").iterdir()
-        }
-        assert kinds == {"reference.png", "now.png", "difference.png"} and "PSNR" in first
 
 
 @with_extras

@@ -330,16 +330,3 @@ def test_cores_give_tracking_one_of_two() -> None:
         process_table.cores([4, 6]).items() >= own.items()
         and process_table.cores([0]) == process_table.cores(range(8)) == {}
     )
-
-
-def test_quality_control_reads_the_table_every_tenth_of_a_second(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    session = Session()
-    taken = list[int]()
-    monkeypatch.setattr(Governor, "update", lambda _, t_ns, loads: taken.append(t_ns))
-    for t_ms in range(0, 3000, 7):
-        session.control.sample(session.state, session.rows, t_ms * 1_000_000)
-    assert (
-        np.diff(taken).min() >= SECOND_NS / 10 and np.diff(taken).max() < SECOND_NS / 10 + 7_000_000
-    )

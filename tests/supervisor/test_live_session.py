@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import attrs
+import numpy as np
 import pytest
 import zmq
 
@@ -22,7 +23,8 @@ from lfpipe.supervisor.session import IDLE_NS, INTERNAL, MAX_LINES, EndKind, Liv
 from lfpipe.supervisor.session_state import TRIAL_NS
 from lfpipe.supervisor.stage_process import DRAIN_NS, MAX_FAILURES
 from lfpipe.transport import control
-from lfpipe.transport.clock import MS_NS, SECOND_NS
+from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
+from lfpipe.transport.histogram import Histogram
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import State
 from tests.supervisor.states import VIEWER, made_state
@@ -180,10 +182,12 @@ def test_a_stage_that_fails_again_and_again_ends_the_session(play: Play) -> None
     played = play()
     for number in range(MAX_FAILURES):
         assert played.goes_on()
+        crash_report_path(played.dir, "stack", "render").write_text("at line 9\n")
         played.ends(-11, "render")
         played.step(2 + number)
     assert played.outcome().kind is EndKind.FAILURE
     assert "in RUNNING with signal 11" in str(played.outcome().failure)
+    assert str(played.outcome().failure).endswith("its last stack:\nat line 9")
     assert played.told("restarting") == MAX_FAILURES - 1 and played.restarts()[0] == 0
 
 
@@ -277,6 +281,20 @@ def test_a_session_rests_after_ten_seconds_without_a_face(play: Play) -> None:
         played.live._apply(played.live.state.changed(**back))
         assert not idle_after(5), "and the time begins anew"
     assert idle_after(6)
+
+
+def test_the_figures_of_a_session_are_those_of_its_table(play: Play) -> None:
+    played = play()
+    for ms in (1, 2, 30):
+        Histogram(played.rows["render"]["age"]).add_ns(ms * MS_NS)
+    played.rows["track"]["drops"] = 3
+    played.rows["render"]["recent_ns"][:3] = now_ns() - np.array([2, 1, 0]) * SECOND_NS // 50
+    found = played.live.metrics().to_dict()
+    track, render = found["stages"]["track"], found["stages"]["render"]
+    assert (track["state"], track["dropped"], track["pid"]) == ("RUNNING", 3, os.getpid())
+    assert render["fps"] == pytest.approx(50, rel=0.01)
+    age = found["end_to_end"]
+    assert (age["p50_ms"], age["p95_ms"]) == pytest.approx((2.0, 30.0), rel=1 / 64)
 
 
 def test_a_lease_of_pictures_ends_by_itself(play: Play) -> None:

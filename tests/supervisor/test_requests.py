@@ -2,7 +2,6 @@
 never another exception.
 """
 
-import re
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,6 @@ from lfpipe.supervisor.process_table import SCORER
 from lfpipe.supervisor.requests import (
     REMOTE_ACTIONS,
     Reply,
-    commands,
     on_complete,
     on_load,
     respond,
@@ -343,10 +341,3 @@ def test_on_complete_of_a_scene_no_longer_shown_changes_nothing() -> None:
     after = on_complete(state, SCENE)
     assert after.options.complete and after.rev == state.rev + 1
     assert on_complete(state, attrs.evolve(SCENE, pack="/packs/other")) is state
-
-
-def test_handlers_have_rows_in_the_contracts() -> None:
-    page = (ROOT / "docs" / "contracts.md").read_text()
-    table = page.partition("## Control")[2].partition("## Tap")[0]
-    first_cells = [line.split("|")[1] for line in table.splitlines() if line.startswith("| `")]
-    assert set(re.findall(r"`(\w+)`", "".join(first_cells))) == set(commands())

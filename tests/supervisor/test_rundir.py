@@ -71,23 +71,6 @@ def test_rundir_passes_over_entries_of_other_kinds(
         closed.chmod(0o700)
 
 
-@pytest.mark.parametrize(
-    "kind", ["directory", pytest.param("link", marks=pytest.mark.native("a lock that is a file"))]
-)
-def test_rundir_names_a_lock_that_is_none(base: Path, name: str, kind: str) -> None:
-    lock = Session(name).lock
-    lock.parent.mkdir(mode=0o700)
-    if kind == "directory":
-        lock.mkdir()
-    else:
-        lock.symlink_to("/nowhere/lock")
-    said = Holder(base, name).failed()
-    assert str(lock) in said and "remove it" in said
-    lock.rmdir() if kind == "directory" else lock.unlink()
-    with holding(base, name):
-        pass
-
-
 def test_sweep_removes_all_of_a_dead_run_directory(base: Path, name: str, tmp_path: Path) -> None:
     """Also folders, and links without what they lead to."""
     kept = tmp_path / "kept"

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from lfpipe.config import Config, Governor, Render, SessionOptions, Track, converter
 from lfpipe.config.modes import CameraViewer, Lossless, MouseViewer, NoViewer
-from lfpipe.supervisor.session_state import TRIAL_NS, SessionState, Trial
+from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport import control
 from tests.supervisor.states import SCENE, VIEWER, made_state
 
@@ -105,31 +105,6 @@ def test_loaded_takes_invert_depth_from_the_scene() -> None:
         turned.loaded(OTHER).config.scene.invert_depth == "auto"
         and turned.loaded(OTHER).options.scene == OTHER
     )
-
-
-def test_config_rollback_settles_what_stages_have_worked_by() -> None:
-    rollback = Trial()
-    state = made_state().changed(LOWER)
-    begun_ns = 10**9
-    assert not rollback.watch(state, False, {"render": 1}, 0), "not applied yet"
-    rollback.watch(state, True, {"render": 1}, begun_ns)
-    more = {"render": 2, "share": 1}  # a stage that has begun meanwhile
-    assert not rollback.watch(state, True, more, begun_ns + TRIAL_NS - 1), "too early"
-    assert not rollback.watch(state, True, {"render": 1}, begun_ns + TRIAL_NS), "no output since"
-    assert rollback.watch(state, True, more, begun_ns + TRIAL_NS)
-    assert state.settled().known_good == state.basis
-
-
-def test_config_rollback_blames_a_change_that_fails_at_once() -> None:
-    rollback = Trial()
-    good = made_state()
-    state = good.changed(LOWER)
-    assert not rollback.to_blame(good, 1, True), "there is nothing to roll back"
-    assert rollback.to_blame(state, -9, False) and rollback.to_blame(state, 1, True)
-    assert not rollback.to_blame(state, -9, True), (
-        "a kill says nothing against a change that was applied"
-    )
-    assert not rollback.to_blame(state, 0, True)
 
 
 def test_with_level_is_full_again_where_the_levels_change() -> None:

@@ -15,10 +15,8 @@ from numpy.typing import NDArray
 from lfpipe.config import FILTER_MODULES, Track
 from lfpipe.eyes import MAX_EYE_PX, MAX_STEP_NS, low_pass_gain
 from lfpipe.track.filters.base import MIN_STEP_NS, EyeFilter
-from lfpipe.track.filters.half_distance import HalfDistance
 from lfpipe.track.filters.mean import Mean
 from lfpipe.track.filters.one_euro import OneEuro
-from lfpipe.track.filters.outliers import OutlierGate
 from lfpipe.track.filters.table import make_filter
 from tests.support.examples import examples
 
@@ -195,24 +193,6 @@ def _state(filter_: object) -> str:
     )
 
 
-def missed_px(
-    filter_: EyeFilter, x_px: Callable[[float], float], frames: range, ahead_s: float = 0.1
-) -> float:
-    """RMS of the error ahead_s after each frame of the second half, of eyes that move sideways."""
-    ahead = predicted(filter_, sideways(x_px), frames, ahead_s)[..., 0].mean(axis=(1, 2))
-    missed = ahead - [x_px(k / 30 + ahead_s) for k in frames]
-    return float(np.sqrt(np.mean(np.square(missed[len(frames) // 2 + 1 :]))))
-
-
-def test_landmarks_that_jump_do_not_change_how_far_acceleration_is_used() -> None:
-    filter_, untouched = make("predictive"), make("predictive")
-    for one in (filter_, untouched):
-        missed_px(one, swaying(80, 0.4), range(240))
-    filter_.update(round(8e9), EYES + np.array([900, -700]))
-    after = [missed_px(one, swaying(80, 0.4), range(241, 360)) for one in (filter_, untouched)]
-    assert after[0] < 1.1 * after[1]
-
-
 @pytest.mark.parametrize("rate_hz", [30, 60, 120, 240])
 def test_one_wrong_landmark_is_not_magnified(rate_hz: int) -> None:
     """One frame is off by half a distance between the eyes.
@@ -231,47 +211,6 @@ def test_a_frame_in_which_one_eye_jumps_moves_nothing(eye: int) -> None:
     wrong[eye] += (24.0, 0.0)  # 0.4 eye distances
     position, _ = filter_.update(40 * FRAME_NS, wrong)
     np.testing.assert_allclose(position, EYES, atol=0.1)
-
-
-def test_a_head_that_rolls_at_an_even_rate_is_predicted_without_lag() -> None:
-    """By 1 rad/s, 80 ms ahead; a single frame whose one eye is wrong turns nothing."""
-    filter_ = make_filter(Track(), 0.08)
-    half_px = 30.0
-
-    def rolled(angle: float) -> np.ndarray:
-        aside = half_px * np.array((math.cos(angle), math.sin(angle)))
-        return np.array((320.0, 240.0)) + np.stack((aside, -aside))
-
-    for k in range(60):
-        filter_.update(k * FRAME_NS, rolled(k * FRAME_NS / 1e9))
-    seen_ns = 59 * FRAME_NS + 80_000_000
-    off_px = np.abs(filter_.predict(seen_ns) - rolled(seen_ns / 1e9)).max()
-    assert off_px < 0.15 * 0.08 * half_px
-
-    half = HalfDistance((half_px, 0.0))
-    for wrong_px in (0.0, 8.0, 0.0, 0.0):
-        half.update((half_px, wrong_px), 0.01, 1 / 30)
-    assert math.hypot(*half.velocity) < 1.0
-
-
-def test_a_head_that_is_often_far_from_its_prediction_is_no_outlier() -> None:
-    """As one that shakes fast; 24 px are 0.4 eye distances."""
-    calm, shaken = OutlierGate(), OutlierGate()
-    for _ in range(15):
-        assert not calm.rejects((300.0, 200.0), (299.0, 200.0), 1.0, 60.0, 1 / 30)
-        assert not shaken.rejects((300.0, 200.0), (286.0, 200.0), 14.0, 60.0, 1 / 30)
-    assert calm.rejects((324.0, 200.0), (300.0, 200.0), 24.0, 60.0, 1 / 30)
-    assert not shaken.rejects((324.0, 200.0), (300.0, 200.0), 24.0, 60.0, 1 / 30)
-
-
-@pytest.mark.parametrize("rate_hz", [30, 60, 240])
-def test_a_step_that_a_second_frame_confirms_is_followed(rate_hz: int) -> None:
-    filter_ = make("predictive")
-    for i in range(rate_hz):
-        filter_.update(round(i * 1e9 / rate_hz), EYES)
-    for i in range(rate_hz, rate_hz + 2):
-        position, _ = filter_.update(round(i * 1e9 / rate_hz), EYES + 40)
-    assert np.abs(position - EYES - 40).max() < 8
 
 
 @pytest.mark.parametrize("rate_hz", [60, 120])

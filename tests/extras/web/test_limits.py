@@ -20,45 +20,15 @@ from hypothesis import strategies as st
 from tornado.iostream import IOStream
 from tornado.web import Application
 
-from lfpipe.extras.web.server import MAX_STRANGERS, MAX_STREAMS
+from lfpipe.extras.web.server import MAX_STREAMS
 from lfpipe.extras.web.server import Server as PageServer
-from lfpipe.host.limits import allow_files
 from tests.extras.web.server import Server, served
 from tests.supervisor.states import messages, values
 from tests.support.examples import examples
 from tests.support.world import World, until
 
-HALVES = (
-    b"",
-    b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n",
-    b"POST /ctl HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 100\r\n\r\n{",
-    b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n",  # whole and refused, and then nothing more
-)
 LARGE = 10_000_000
-IDLE = 3000
 OWN_THREADS = 4  # that the page starts with its first sample and command, not with a request
-
-
-def test_page_closes_half_requests(live_server: Server) -> None:
-    assert live_server.ask("POST", "/ctl", {"cmd": "resume"})[0] == 200
-    live_server.jpeg("picture")
-    connection, viewer = live_server.viewer()
-    threads = live_server.threads()
-    sockets = live_server.sockets()
-    with ExitStack() as stack:
-        for _ in range(100):
-            for half in HALVES:
-                stack.enter_context(live_server.send(half))
-        assert (
-            live_server.ask("GET", "/")[0]
-            == live_server.ask("POST", "/ctl", {"cmd": "resume"})[0]
-            == 200
-        )
-        assert live_server.threads() <= threads + OWN_THREADS
-        assert live_server.sockets() <= sockets + MAX_STRANGERS + 2
-        assert all(viewer.readline() for _ in range(12))
-        until(lambda: live_server.sockets() <= sockets, "end of the half requests")
-    connection.close()
 
 
 def test_page_refuses_large_requests(live_server: Server) -> None:
@@ -150,29 +120,6 @@ def test_holders_of_the_view_only_token_do_not_lock_others_out(live: World) -> N
                 assert server.ask("POST", "/ctl", {"cmd": "resume"})[0] == 200
                 assert server.jpeg("picture")
         assert psutil.Process(server.pid).memory_info().rss < rss + 30e6
-
-
-@pytest.mark.native("somaxconn")
-def test_a_request_behind_thousands_of_idle_connections_is_answered(live_server: Server) -> None:
-    """They wait without a second try of the kernel's, which takes a second, and the server spends
-    little on each.
-    """
-    if int(Path("/proc/sys/net/core/somaxconn").read_text()) < IDLE:
-        pytest.skip("this system lets fewer connections wait")
-    allow_files()
-    process = psutil.Process(live_server.pid)
-    with ExitStack() as held:
-        process.suspend()
-        held.callback(process.resume)
-        for _ in range(IDLE):
-            address = ("127.0.0.1", live_server.port)
-            held.enter_context(socket.create_connection(address, timeout=20))
-        before = process.cpu_times()
-        asked = held.enter_context(live_server.send(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"))
-        process.resume()
-        assert asked.recv(12) == b"HTTP/1.1 403"
-        after = process.cpu_times()
-    assert after.user + after.system - before.user - before.system < 1
 
 
 def test_where_no_descriptor_is_free_the_oldest_connection_makes_room(

@@ -137,65 +137,6 @@ def test_page_in_a_browser_moves_charts_and_takes_controls(
 
 
 SHOWN = "[...document.querySelectorAll('*')].filter((one) => one.offsetParent)"
-TEXT = f"{SHOWN}.filter((one) => !one.children.length).map((one) => one.textContent).join()"
-
-
-@pytest.mark.nightly
-def test_page_without_a_camera_looks_around_and_presses_keys(
-    world: World, scene: Path, server: Server, tmp_path: Path
-) -> None:
-    if why := missing():
-        pytest.skip(why)
-    world.env["XDG_PICTURES_DIR"] = str(world.root)
-    world.shows(scene, "--set=governor.quality=fixed", "--set=render.method=warp")
-    world.ctl("viewer", "mouse")
-    with Browser(tmp_path / "profile") as browser:
-        browser.open(server.url)
-        browser.until("window.lfpipe.last && window.lfpipe.last.mouse")
-        browser.until("document.getElementById('picture').naturalWidth == 64")
-        assert browser.ask("document.getElementById('eyes').offsetParent === null"), "no camera"
-        browser.click("#numbers summary")
-        browser.until("window.lfpipe.latency && window.lfpipe.latency.data[0].length > 4")
-        assert browser.ask("Object.keys(window.lfpipe.last.stages).join()") == "render"
-        lines = browser.ask("window.lfpipe.latency.series.map((one) => one.label).join()")
-        assert lines == "session time, s,render wait + busy"
-        text = browser.ask(TEXT)
-        assert "no camera" in text and "p50 –" not in text and "–" not in text, text
-
-        def point(x: float) -> None:
-            browser.ask(
-                "(() => { const image = document.getElementById('picture'), box ="
-                " image.getBoundingClientRect(); image.dispatchEvent(new"
-                f" PointerEvent('pointermove', {{clientX: box.left + {x} * box.width, clientY:"
-                " box.top + box.height / 2})); })()"
-            )
-
-        def column() -> float:
-            return float(world.lines()[-1]["view"]["left"][1])
-
-        middle = column()
-        point(0.95)
-        world.wait_for(lambda: abs(column() - middle) > 0.25, "views of one side")
-        side = column() - middle
-        point(0.05)
-        world.wait_for(lambda: (column() - middle) / side < 0, "those of the other side")
-        note = "document.getElementById('note').textContent"
-        browser.click("#glasses_test")
-        browser.until(f"{note}.includes('Close your left eye')")
-        browser.click("#glasses_test")
-        browser.until(f"{note} === ''")
-        browser.click("#screenshot")
-        browser.until(f"{note}.includes('picture saved as')")
-        assert Path(browser.ask(note).removeprefix("picture saved as ")).exists()
-        browser.click("#record")
-        browser.until("document.getElementById('record').textContent == 'Stop recording'")
-        browser.click("#record")
-        browser.until("document.getElementById('record').textContent == 'Record'")
-        world.ctl("stop")
-        browser.until("getComputedStyle(document.querySelector('main')).filter == 'grayscale(1)'")
-        assert (
-            browser.ask("document.getElementById('short').textContent") == "The session has ended"
-        )
 
 
 def test_place_px_agrees_with_the_view_solver() -> None:
