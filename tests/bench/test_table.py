@@ -19,7 +19,7 @@ from lfpipe.bench.results import Results
 from lfpipe.bench.table import Protocol, kept_views, measure_scenes
 from lfpipe.errors import UserError
 from lfpipe.render.synthesis.scoring import psnr_db
-from lfpipe.scene.lightfield import LightField, Manifest
+from lfpipe.scene.lightfield import LightField
 from tests.bench.inputs import wall
 from tests.support.examples import examples
 
@@ -100,30 +100,3 @@ def test_methods_beside_each_other() -> None:
         "blend",
     ] and not flat.failures, "no warps without disparity"
     assert "2x2 -> 3x3" in flat.rows[0].name
-
-
-def test_a_method_is_measured_although_a_session_would_not_use_it() -> None:
-    """The scores of the whole scene, for which a cross-fade is drawn instead, are not of the views
-    that are kept.
-    """
-    scores = {"blend": 50.0, "warp": 40.0, "warp2": 40.0}
-    field = attrs.evolve(wall(9, 9, 96), method="blend", manifest=Manifest(scores=scores))
-    db = {row.curve: row.value("psnr_db") for row in _run([field]).rows}
-    assert min(db["warp"], db["warp2"]) > db["blend"] + 5
-
-
-def test_what_cannot_be_measured_is_left_out_with_its_reason() -> None:
-    def missing() -> LightField:
-        raise UserError("nowhere: no such folder", "")
-
-    hole = wall(9, 9, 96)
-    hole.present[1, 1] = False
-    results = [
-        measure_scenes([(Path("nowhere"), missing)], Protocol(), lambda *_: None),
-        _run([wall(2, 2)]),
-        _run([wall(9, 9, 50)], Protocol()),
-        _run([hole]),
-    ]
-    reasons = [*results[0].failures.values(), *(one.left_out[0] for one in results[1:])]
-    words = ("no such", "between", "too small", "missing")
-    assert all(word in reason for word, reason in zip(words, reasons, strict=True)), reasons

@@ -1,9 +1,7 @@
 """Exposure, gain, mains frequency, dynamic frame rate: applied, limited, reported, restored."""
 
-import time
 from typing import Any
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -122,23 +120,6 @@ def test_states_for_people() -> None:
         "camera.dynamic_framerate 1 [0 to 1]",
     ]
     assert control_texts(FakeCamera()) == []
-
-
-def test_a_control_that_answers_in_a_second_stops_no_frame(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It used to be asked between two frames: every frame was then late, and the camera lost for
-    good.
-    """
-    device = webcam()
-    device.slow_s = 1.0
-    monkeypatch.setattr("lfpipe.capture.camera.CONTROLS_S", 0.05)
-    camera = source(device)
-    assert any("controls have not answered" in note for note in camera.info.notes)
-    out = np.zeros((480, 640, 3), np.uint8)
-    began = time.monotonic()
-    for _ in range(5):
-        assert camera.read(out) is not None
-    assert time.monotonic() - began < 0.9
-    camera.close()
 
 
 def test_the_exposure_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:

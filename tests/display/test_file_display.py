@@ -62,26 +62,6 @@ def test_file_display_mkv_keeps_every_value(tmp_path: Path, size: tuple[int, int
     assert shown == sorted(shown) and dropped == 10 - len(set(shown)) <= 3
 
 
-def test_file_display_shows_a_picture_until_the_next(tmp_path: Path) -> None:
-    pictures = noise(2, 32, 32)
-    display = FileDisplay(tmp_path / "out.mkv", (32, 32), 50.0)
-    display_times = [time.monotonic()]
-    for picture in pictures:
-        display.show(picture)
-        time.sleep(0.4)
-        display_times.append(time.monotonic())
-    display.close()
-    frames = read_back(tmp_path / "out.mkv")
-    counts = [sum(np.array_equal(frame, picture) for frame in frames) for picture in pictures]
-    assert sum(counts) == len(frames) and np.abs(np.diff(display_times) * 50 - counts).max() <= 3
-
-
-def test_file_display_counts_a_flood_and_does_not_block(tmp_path: Path) -> None:
-    dropped, notices = record(tmp_path / "out.mkv", [noise(1, 640, 480)[0]] * 300, 30.0)
-    assert dropped > 200 and len(read_back(tmp_path / "out.mkv")) < 300 - dropped + 60
-    assert any(f"{dropped} pictures are missing" in notice.text for notice in notices)
-
-
 def test_file_display_fits_pictures_of_another_shape(tmp_path: Path) -> None:
     record(
         tmp_path / "out.mkv",
