@@ -53,7 +53,8 @@ class Lateness:
 
     After a hiccup frames are dropped, as a camera's driver would overwrite them, until playback has
     caught up. If it does not, because decoding takes longer than a period, or if playback stood
-    still for MOVE_NS, the schedule moves: dropping on would leave no frame at all.
+    still for MOVE_NS, catching up is impossible: the schedule is shifted instead of dropping every
+    frame.
     """
 
     def __init__(self, late_ns: int) -> None:

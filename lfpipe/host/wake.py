@@ -1,6 +1,6 @@
 """Wake-ups: notify the one reader of a ring that the slot of an 8-byte seq is published. Its
-descriptor goes into the same zmq.Poller as sockets and sentinels. A wake that is not taken yet is
-enough: the ring has the truth.
+descriptor goes into the same zmq.Poller as sockets and sentinels. A wake-up may be lost while
+others are pending: the reader takes the newest slot, so it misses nothing.
 """
 
 import os

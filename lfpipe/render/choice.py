@@ -68,8 +68,8 @@ class TrackedEyes(NamedTuple):
     stamp: Stamp
     """Of their frame."""
     t_ns: int
-    """The time at which the record is true, where prediction starts: the frame's, or that of the
-    choice for the mouse and for nobody."""
+    """The time that the eye positions refer to, where prediction starts: the frame's, or that of
+    the choice for the mouse and for nobody."""
     waited_ns: int = 0
     """From their publication until they were read."""
     by_mouse: bool = False

@@ -244,8 +244,8 @@ class RenderStage:
 
     def _measure_costs(self) -> None:
         """Begins to measure what pictures cost, beside the pictures."""
-        if self._preparer is not None and self._asked.governor.quality == "auto":
-            render = self._asked.render
+        if self._preparer is not None and self._requested_config.governor.quality == "auto":
+            render = self._requested_config.render
             self._costs = self._preparer.submit(measure_costs, self._field, render, self._gpu)
 
     def _report_costs(self) -> None:
@@ -262,9 +262,9 @@ class RenderStage:
 
     def _take_settings(self) -> None:
         """Applies the current configuration and options of the context."""
-        self._asked = self._context.config
+        self._requested_config = self._context.config
         self._options = options = self._context.options
-        self._config: Config = lowered(self._asked, options)
+        self._config: Config = lowered(self._requested_config, options)
         self._share = options.level.size if options.level else 1.0
         # Of camera and display together. A file has no display, and without a clock
         # replay.latency_ms is the whole delay.
@@ -280,7 +280,7 @@ class RenderStage:
             self._options.display,
             (self._field.width_px, self._field.height_px),
             f"lfpipe: {self._field.name}",
-            float(camera_hz if self._on_camera else self._asked.render.nominal_hz),
+            float(camera_hz if self._on_camera else self._requested_config.render.nominal_hz),
             _overlay_view,
             str(self._config.screen.monitor),
             self._context.row["restarts"],
@@ -426,7 +426,7 @@ class RenderStage:
     def _take_news(self) -> None:
         """Applies changes of configuration, scene and quality, and commands."""
         context = self._context
-        asked = self._asked
+        asked = self._requested_config
         drawn = self._config, self._share
         options = self._options
         self._take_settings()
@@ -434,9 +434,9 @@ class RenderStage:
             options.pack,
             options.complete,
         )
-        if other_pack or self._asked != asked:
-            completed = self._options.pack == options.pack and self._asked == asked
-            turned = self._asked.scene.invert_depth != asked.scene.invert_depth
+        if other_pack or self._requested_config != asked:
+            completed = self._options.pack == options.pack and self._requested_config == asked
+            turned = self._requested_config.scene.invert_depth != asked.scene.invert_depth
             with context.setting_up("opening the scene"):
                 self._open_scene(other_pack, completed, turned)
             self._presenter.redraw()
@@ -505,7 +505,7 @@ class RenderStage:
         depth was inverted.
         """
         options = self._options
-        invert_depth = self._asked.scene.invert_depth
+        invert_depth = self._requested_config.scene.invert_depth
         if other_pack:
             self._live = None
             self._field = open_pack(Path(options.pack), invert_depth)

@@ -35,7 +35,7 @@ STAGES: tuple[Stage, ...] = (
         module="lfpipe.capture.stage",
         needed=_feeds,
         writes=("frames",),
-        of_viewer=True,
+        restart_on_viewer_change=True,
         metrics=CAPTURE_METRICS,
     ),
     Stage(
@@ -44,7 +44,7 @@ STAGES: tuple[Stage, ...] = (
         needed=lambda options: options.viewer.tracked,
         reads=("frames",),
         writes=("eyes",),
-        of_viewer=True,
+        restart_on_viewer_change=True,
         metrics=TRACK_METRICS,
         own_core=True,
     ),

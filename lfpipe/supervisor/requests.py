@@ -63,8 +63,8 @@ class Reply:
     executed_by: tuple[str, ...] = ()
     """The stages that execute the command, and then answer; those that start with `state`, as soon
     as they work."""
-    sent: Message = attrs.field(factory=dict)
-    """What they receive with it."""
+    payload: Message = attrs.field(factory=dict)
+    """Passed to them with the command."""
     then: Then | None = None
     """The reply once they have executed it, from the state then and their answers by name."""
     with_stages: bool = False
@@ -203,7 +203,7 @@ def _record(state: SessionState, path: str) -> Reply:
             )
     return Reply(
         executed_by=(SHOWN_BY if isinstance(viewer, MouseViewer) else SOURCE,),
-        sent={"path": path},
+        payload={"path": path},
         then=lambda now, _: Reply(
             answer={"path": path or state.options.record}, state=now.changed(record=path)
         ),
@@ -217,7 +217,7 @@ def _trace(state: SessionState, path: str) -> Reply:
     inputs = [str(one) for one in (source, record) if one]  # which it must not replace
     return Reply(
         executed_by=(SHOWN_BY,),
-        sent={"path": path, "inputs": inputs},
+        payload={"path": path, "inputs": inputs},
         then=lambda now, _: Reply(answer={"path": path}, state=now.changed(timeline=path)),
     )
 
@@ -344,7 +344,7 @@ def _look(state: SessionState, message: Message, _t_ns: int) -> Reply:
             raise BadMessage(f"look: {axis} {share!r:.100} is not a share from 0 to 1")
     if not isinstance(state.options.viewer, MouseViewer):
         raise UserError("the viewer is not the mouse", "exchange it: `lfpipe ctl viewer mouse`")
-    return Reply(executed_by=(SHOWN_BY,), sent=place)
+    return Reply(executed_by=(SHOWN_BY,), payload=place)
 
 
 def _action(state: SessionState, message: Message, _t_ns: int) -> Reply:
@@ -363,7 +363,7 @@ def _action(state: SessionState, message: Message, _t_ns: int) -> Reply:
     sent: Message = {key: message[key] for key in ("name", "value") if key in message}
     if not _is_positive(sent.get("value", 1.0)):
         raise BadMessage(f"action: value {sent['value']!r:.100} is not a positive number")
-    return Reply(executed_by=(SHOWN_BY,), sent=sent)
+    return Reply(executed_by=(SHOWN_BY,), payload=sent)
 
 
 def _absolute(path: str) -> bool:

@@ -493,12 +493,12 @@ class LiveSession:
             reply.answer,
             stages=reply.executed_by,
             starts=reply.state is not None,
-            on_trial=self.state.replaces_basis_of(before),
+            on_trial=self.state.replaces_revertible_of(before),
             then=then and (lambda answers: then(self.state, answers)),
         )
         if reply.state is None:
             for stage in reply.executed_by:  # nothing else of the request reaches a stage
-                command = {"cmd": request.command, "number": number, **reply.sent}
+                command = {"cmd": request.command, "number": number, **reply.payload}
                 self._sockets.send(stage, command)
 
     def _answer_applied(self, request: Request, reply: Reply) -> None:
@@ -512,7 +512,7 @@ class LiveSession:
         if state.rev == before.rev:
             self._answer(request, answer)
         else:
-            on_trial = state.replaces_basis_of(before)
+            on_trial = state.replaces_revertible_of(before)
             self._pending.add(request, now_ns(), answer, rev=state.rev, on_trial=on_trial)
 
     def _take_scenes(self) -> None:

@@ -60,7 +60,7 @@ def new_ring(kind: str) -> str:
 
 
 @attrs.frozen(kw_only=True)
-class Basis:
+class RevertibleState:
     """The part of the state that a stage may fail on; it can be rolled back."""
 
     config: Config
@@ -76,8 +76,10 @@ class SessionState:
 
     config: Config
     options: SessionOptions
-    known_good: Basis = attrs.field(default=attrs.Factory(lambda self: self.basis, takes_self=True))
-    """The basis that is known to work."""
+    known_good: RevertibleState = attrs.field(
+        default=attrs.Factory(lambda self: self.revertible, takes_self=True)
+    )
+    """The part that is known to work."""
     paused: bool = False
     rev: int = 1
     """Counts changes."""
@@ -94,10 +96,10 @@ class SessionState:
         return cls(config=config, options=options)._with_rings()
 
     @property
-    def basis(self) -> Basis:
+    def revertible(self) -> RevertibleState:
         """The part of the current state that can be rolled back."""
         options = self.options
-        return Basis(
+        return RevertibleState(
             config=self.config,
             scene=options.scene,
             viewer=options.viewer,
@@ -122,13 +124,13 @@ class SessionState:
         """The current level."""
         return self.options.level or self.levels[0]
 
-    def replaces_basis_of(self, earlier: SessionState) -> bool:
+    def replaces_revertible_of(self, earlier: SessionState) -> bool:
         """Whether this state, one change after an earlier one, may be rolled back: the change has
-        set a part of the basis, perhaps to an equal value.
+        set a revertible setting, perhaps to an equal value.
         """
         parts = zip(
-            attrs.astuple(self.basis, recurse=False),
-            attrs.astuple(earlier.basis, recurse=False),
+            attrs.astuple(self.revertible, recurse=False),
+            attrs.astuple(earlier.revertible, recurse=False),
             strict=True,
         )
         return any(part is not before for part, before in parts)
@@ -229,11 +231,11 @@ class SessionState:
         return attrs.evolve(self.changed(pictures=""), pictures_until_ns=0)
 
     def settled(self) -> SessionState:
-        """With the current basis marked as known to work; same revision."""
-        return attrs.evolve(self, known_good=self.basis)
+        """With the current part marked as known to work; same revision."""
+        return attrs.evolve(self, known_good=self.revertible)
 
     def rolled_back(self) -> SessionState:
-        """With the basis that is known to work; all else unchanged."""
+        """With the part that is known to work; all else unchanged."""
         good = self.known_good
         return self.changed(
             good.config,
@@ -264,7 +266,7 @@ class Trial:
 
         outputs: number of outputs of each stage so far.
         """
-        if state.basis == state.known_good or not applied:
+        if state.revertible == state.known_good or not applied:
             self._since_ns = None
         elif self._since_ns is None:
             self._since_ns = t_ns
@@ -282,7 +284,7 @@ class Trial:
         applied: the stage had acknowledged the change; after that, only its own error counts.
         """
         own_error = code > 0 and code != EXIT_TERMINATED
-        if state.basis == state.known_good or (applied and not own_error):
+        if state.revertible == state.known_good or (applied and not own_error):
             return False
         self._since_ns = None
         return True

@@ -63,7 +63,10 @@ class StageProcess:
         """Whether it may go on with these options: it is needed, and for the same viewer."""
         if self.alive and self.is_leaving:
             return False
-        same = not (self.alive and self.stage.of_viewer) or self.source == options.viewer.source
+        same = (
+            not (self.alive and self.stage.restart_on_viewer_change)
+            or self.source == options.viewer.source
+        )
         return same and self.stage.needed(options)
 
     def start(self, spec: StageSpec) -> None:

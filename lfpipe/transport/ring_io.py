@@ -39,7 +39,7 @@ class Stage:
     """Declared in its own package."""
     optional: bool = False
     """Whether few sessions run it, and no picture waits for it."""
-    of_viewer: bool = False
+    restart_on_viewer_change: bool = False
     """Whether it starts again for another viewer."""
     own_core: bool = False
     """Whether it avoids the first of two cores."""

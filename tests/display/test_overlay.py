@@ -19,7 +19,7 @@ from lfpipe.render.ui.calibration import Distance, calibration_page
 from lfpipe.render.ui.folders import folder_menu
 from lfpipe.render.ui.glasses import glasses_menu
 from lfpipe.render.ui.keys import ACTION_OF, DEPTH, HELP, KEYS, bar_items
-from lfpipe.render.ui.look import NOT_LIT
+from lfpipe.render.ui.look import NO_HIGHLIGHT
 from lfpipe.render.ui.overlay_view import EDGE_PX, ItemPanel, OverlayView, bar_panel, menu_panel
 from tests.display.test_window import GREY, becomes, pressed, window  # noqa: F401  (fixture)
 from tests.support.examples import examples
@@ -51,7 +51,7 @@ class Screened(OverlayView):
 
     @property
     def bar_top_px(self) -> int:
-        return bar_panel(BAR, NOT_LIT, self.size, max(22, self.size[1] // 50)).top_px
+        return bar_panel(BAR, NO_HIGHLIGHT, self.size, max(22, self.size[1] // 50)).top_px
 
     def move(self, kind: int, x: int, y: int) -> Event | None:
         return self.mouse(SimpleNamespace(type=kind, button=1), (x, y))  # type: ignore[arg-type]
@@ -101,7 +101,7 @@ def test_bar_entries_keep_their_places_in_every_state(size: tuple[int, int]) -> 
             for paused in (False, True)
             for off in without
         )
-        for panel in (bar_panel(items, NOT_LIT, size, text_px),)
+        for panel in (bar_panel(items, NO_HIGHLIGHT, size, text_px),)
     }
     assert len(places) == 1
 

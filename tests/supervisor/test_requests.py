@@ -73,9 +73,9 @@ ANSWERED: list[tuple[Message, Message, Reply]] = [
     (
         BY_MOUSE,
         {"cmd": "look", **PLACE, "more": "not passed on"},
-        Reply(executed_by=("render",), sent=PLACE),
+        Reply(executed_by=("render",), payload=PLACE),
     ),
-    *(({}, {"cmd": "action", **at}, Reply(executed_by=("render",), sent=at)) for at in PRESSED),
+    *(({}, {"cmd": "action", **at}, Reply(executed_by=("render",), payload=at)) for at in PRESSED),
 ]
 
 
@@ -246,12 +246,12 @@ def test_the_stage_that_opens_a_file_executes_the_request() -> None:
         state = made_state(viewer=viewer)
         trace = respond(state, {"cmd": "trace", "path": "/t"}, 0)
         assert (trace.executed_by, trace.state) == (("render",), None)
-        assert trace.sent == {"path": "/t", "inputs": inputs} and trace.then is not None
+        assert trace.payload == {"path": "/t", "inputs": inputs} and trace.then is not None
         then = trace.then(state, {})
         assert then.answer == {"path": "/t"} and then.state == state.changed(timeline="/t")
         record = respond(state, {"cmd": "record", "path": "/r"}, 0)
         by = "render" if isinstance(viewer, MouseViewer) else "capture"
-        assert (record.executed_by, record.state, record.sent) == ((by,), None, {"path": "/r"})
+        assert (record.executed_by, record.state, record.payload) == ((by,), None, {"path": "/r"})
         assert record.then is not None
         then = record.then(state, {})
         assert then.answer == {"path": "/r"} and then.state == state.changed(record="/r")

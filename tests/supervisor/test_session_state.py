@@ -66,7 +66,7 @@ def test_session_state_rings_levels_and_revisions_agree(steps: list[str]) -> Non
             == state.options
         )
     back = state.rolled_back()
-    assert back.basis == state.known_good
+    assert back.revertible == state.known_good
     assert attrs.evolve(back.options, scene=None, viewer=VIEWER, level=None) == attrs.evolve(
         state.options, scene=None, viewer=VIEWER, level=None
     ), "a rollback takes back configuration and scene, and leaves recordings and traces alone"

@@ -8,7 +8,7 @@ from pygame import surfarray
 from lfpipe.render.display.overlay import Event
 from lfpipe.render.display.window import letters_px
 from lfpipe.render.ui.keys import bar_items
-from lfpipe.render.ui.look import NOT_LIT
+from lfpipe.render.ui.look import NO_HIGHLIGHT
 from lfpipe.render.ui.overlay_view import ItemPanel, bar_panel
 from tests.support.world import World
 from tests.support.xvfb_screen import Screen, outline
@@ -50,7 +50,7 @@ class Finger:
 
     def bar(self, recording: bool = False, paused: bool = False) -> ItemPanel:
         items = bar_items(0.0, recording, paused, self.without)
-        return bar_panel(items, NOT_LIT, self.size_px, self.text_px)
+        return bar_panel(items, NO_HIGHLIGHT, self.size_px, self.text_px)
 
     def use_bar(self, event: str, recording: bool = False, paused: bool = False) -> None:
         """A tap on the picture brings the bar; another one chooses."""

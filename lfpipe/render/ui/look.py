@@ -29,14 +29,14 @@ CONTROL_UNITS = 6  # height of a control: a finger hits it
 
 
 @attrs.frozen
-class Lit:
+class Highlight:
     """What the pointer is on."""
 
     event: Event = NO_EVENT
     pressed: bool = False
 
 
-NOT_LIT = Lit()
+NO_HIGHLIGHT = Highlight()
 
 
 def unit_px(text_px: int) -> int:

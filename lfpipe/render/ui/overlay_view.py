@@ -23,12 +23,12 @@ from lfpipe.render.ui.look import (
     BORDER,
     CARD,
     CONTROL_UNITS,
-    NOT_LIT,
+    NO_HIGHLIGHT,
     OFF,
     RED,
     SECOND,
     TEXT,
-    Lit,
+    Highlight,
     Place,
     badge,
     draw_card,
@@ -142,7 +142,7 @@ def _draw_button(
     letters: pygame.font.Font,
     item: Item,
     rect: pygame.Rect,
-    lit: Lit,
+    lit: Highlight,
     unit: int,
 ) -> None:
     """A label with its key, or above its slider; without a back if it is a single letter."""
@@ -183,7 +183,7 @@ def _bar_px(item: Item, style: int, letters: pygame.font.Font, unit: int) -> int
 
 
 @lru_cache(2)
-def bar_panel(items: tuple[Item, ...], lit: Lit, window_px: Place, text_px: int) -> ItemPanel:
+def bar_panel(items: tuple[Item, ...], lit: Highlight, window_px: Place, text_px: int) -> ItemPanel:
     """The items at the bottom edge, in groups."""
     room = window_px[0] - 2 * EDGE_PX
     letters = font(text_px)
@@ -226,7 +226,7 @@ def _draw_entry(
     letters: pygame.font.Font,
     item: Item,
     rect: pygame.Rect,
-    lit: Lit,
+    lit: Highlight,
     style: int,
     unit: int,
 ) -> None:
@@ -271,7 +271,7 @@ def menu_panel(
     selected: int,
     window_px: Place,
     text_px: int,
-    lit: Lit = NOT_LIT,
+    lit: Highlight = NO_HIGHLIGHT,
     top_px: int = 0,
 ) -> ItemPanel:
     """The page with the selected item, in the middle of a window of that size, below top_px."""
@@ -345,7 +345,7 @@ def _draw_tile(
     letters: pygame.font.Font,
     item: Item,
     rect: pygame.Rect,
-    lit: Lit,
+    lit: Highlight,
     focused: bool,
     unit: int,
 ) -> None:
@@ -440,7 +440,7 @@ def text_panel(
     window_px: Place,
     text_px: int,
     top_px: int = EDGE_PX,
-    lit: Lit = NOT_LIT,
+    lit: Highlight = NO_HIGHLIGHT,
     first: int = 0,
 ) -> ItemPanel:
     """The lines of text with a cross, its items and its inset, or else its notices, between top_px
@@ -551,7 +551,7 @@ class OverlayView:
         self._overlay = Overlay()
         self._panels = list[ItemPanel]()
         self._at = 0  # the selected item of the menu
-        self._lit = NOT_LIT
+        self._lit = NO_HIGHLIGHT
         self._over: Cell | None = None  # what the pointer is on
         self._used = NO_EVENT  # pressed, and the pointer is still there: it needs no tip
         self._held: Cell | None = None  # a slider
@@ -581,9 +581,9 @@ class OverlayView:
         has_items = self._overlay.menu is not None or bool(self._overlay.items)
         return has_items or self._bar_from_s < math.inf
 
-    def _lit_of(self, *items: Item) -> Lit:
+    def _highlight_of(self, *items: Item) -> Highlight:
         """What is lit of some items: the others need not be drawn again."""
-        return self._lit if any(item.event == self._lit.event for item in items) else NOT_LIT
+        return self._lit if any(item.event == self._lit.event for item in items) else NO_HIGHLIGHT
 
     def panels(self, window_px: Place, text_px: int) -> list[ItemPanel]:
         """The panels, the topmost last; equal calls return the same ones.
@@ -594,7 +594,7 @@ class OverlayView:
         now_s = time.monotonic()
         bar = None
         if overlay.bar:
-            bar = bar_panel(overlay.bar, self._lit_of(*overlay.bar), window_px, text_px)
+            bar = bar_panel(overlay.bar, self._highlight_of(*overlay.bar), window_px, text_px)
         if bar is None or (now_s > self._bar_from_s + BAR_S and self._held is None):
             self._bar_from_s = math.inf
         is_awake = bar is not None and (now_s >= self._bar_from_s or self._held is not None)
@@ -607,7 +607,7 @@ class OverlayView:
             top_px = EDGE_PX
             if not overlay.items:
                 top_px = max((corner.bottom_px + GAP_PX for corner in corners), default=EDGE_PX)
-            lit = self._lit_of(CLOSE, *overlay.items, *TURNS)
+            lit = self._highlight_of(CLOSE, *overlay.items, *TURNS)
             place = bar_top_px, window_px, text_px, top_px
             pages.append(text_panel(page, *place, lit, self._firsts[-1]))
             self._lines = pages[0].page
@@ -615,14 +615,14 @@ class OverlayView:
         items = () if overlay.lines else overlay.items
         for notice in reversed(overlay.notices):
             line = Overlay(notices=tuple(notice.splitlines()), items=items)
-            lit = self._lit_of(*items)
+            lit = self._highlight_of(*items)
             notices.append(text_panel(line, bottom_px, window_px, text_px, lit=lit))
             items = ()
             bottom_px = notices[-1].top_px + EDGE_PX - GAP_PX
         self._menu = None
         if overlay.menu is not None:
             area_px = window_px[0], min(bar_top_px, bottom_px)
-            lit = self._lit_of(CLOSE, *TURNS, *overlay.menu.items)
+            lit = self._highlight_of(CLOSE, *TURNS, *overlay.menu.items)
             corners = corners[:1] if overlay.recording else []
             top_px = max((corner.bottom_px for corner in corners), default=0)
             self._menu = menu_panel(overlay.menu, self._at, area_px, text_px, lit, top_px)
@@ -706,7 +706,7 @@ class OverlayView:
         is_down = event.type == pygame.MOUSEBUTTONDOWN or (
             self._lit.pressed and event.type == pygame.MOUSEMOTION
         )
-        self._lit = Lit(lit, is_down) if lit.name else NOT_LIT
+        self._lit = Highlight(lit, is_down) if lit.name else NO_HIGHLIGHT
         if is_down or lit != self._used:
             self._used = lit if is_down else NO_EVENT
         if event.type == pygame.MOUSEBUTTONUP:

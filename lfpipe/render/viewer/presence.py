@@ -241,13 +241,14 @@ class Presence:
 
 
 class ViewEasing:
-    """Moves the picture from place to place on the grid; no other code does.
+    """The only place that moves the viewpoint; every jump of the target, whatever its cause, is
+    smoothed here.
 
     With a face, a picture differs from the previous one by the motion of the eyes and at most
-    EASED_VIEWS; the remainder follows with the next pictures. So the cause is irrelevant: another
-    face, a found or corrected one, a new neutral place and another distance all move the target,
-    and the picture approaches it. After a loss, the picture holds for HOLD_S, then glides to the
-    neutral place as (1 + s) exp(-s), s = t / AWAY_S, in closed form for any time step.
+    EASED_VIEWS; the remainder follows with the next pictures: another face, a found or corrected
+    one, a new neutral place and another distance all move the target. After a loss, the picture
+    holds for HOLD_S, then glides to the neutral place as (1 + s) exp(-s), s = t / AWAY_S, in closed
+    form for any time step.
     """
 
     def __init__(self) -> None:
