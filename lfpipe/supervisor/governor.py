@@ -2,9 +2,10 @@
 clock or file.
 
 A stage lags if it misses more than a tenth of the due outputs, or is nearly always busy. It has
-headroom if it misses none and is rarely busy. Half a second of lag lowers the quality by one level,
-and five seconds of headroom raise it. Each loss after a raise doubles the headroom time required
-for the next raise, up to five minutes; five minutes without a loss halve it.
+headroom if it misses none and is rarely busy. Half a second of lag lowers the quality by one level;
+five seconds of headroom restore the level before. The next burst of lag then leads to the level
+where the last one ended, so that each costs two changes. A level that is lost within ten seconds
+doubles the headroom time required, up to five minutes.
 """
 
 from __future__ import annotations
@@ -25,7 +26,10 @@ from lfpipe.transport.status import State
 # viewers notice lag immediately; frequent changes of level are more annoying than a lower one
 LAG_S, HEADROOM_S = 0.5, 5.0
 MAX_HEADROOM_S = 300.0  # maximum headroom time before a higher level is tried
-QUIET_S = 300.0  # time without a loss that halves the required headroom time
+KEPT_S = 10.0  # a level that lags sooner was tried in vain
+# There is a store of changes, so that a load that comes and goes changes the picture some 50 times
+# an hour. A raise waits for two: it may be lost.
+CHANGES, CHANGE_EVERY_S = 10.0, 75.0
 PAUSE_S = 0.7  # after a loss: a burst of a second costs one level
 # of the outputs due; one or two frames in half a second are due to the scheduler
 LATE_SHARE = 0.1
@@ -70,7 +74,7 @@ class Load:
 
 @attrs.frozen
 class Step:
-    """A change of level by one."""
+    """A change of level."""
 
     level: int
     """The new level."""
@@ -125,8 +129,10 @@ class Governor:
         self.level = 0
         self._relieves = tuple(relieves)
         self._required_s = HEADROOM_S  # headroom time required to raise the level
-        self._was_raised = False  # since the last loss
-        self._quiet_ns = self._lost_ns = -math.inf  # when the requirement was halved; the last loss
+        self._changes = CHANGES
+        self._raised_ns = self._lost_ns = -math.inf
+        self._in_burst = False  # whether a level was lost since the last raise
+        self._before = self._deepest = 0  # the levels before the last burst and at its end
         self._t_ns = -math.inf
         self._headroom_s = 0.0
         self._stages: dict[str, _Stage] = {}
@@ -157,26 +163,36 @@ class Governor:
         relieved = self._relieves[self.level] if self.level < len(self._relieves) else ()
         lags = {name: stage for name, stage in self._stages.items() if name in relieved}
         worst = max(lags, key=lambda name: lags[name].lag_s, default="")
-        if t_ns - max(self._lost_ns, self._quiet_ns) > QUIET_S * 1e9:
-            self._quiet_ns = t_ns
-            self._required_s = max(self._required_s / 2, HEADROOM_S)
+        self._changes = min(self._changes + dt_s / CHANGE_EVERY_S, CHANGES)
         if t_ns - self._lost_ns < PAUSE_S * 1e9:
             self._stages.clear()
             return None
         if worst and lags[worst].lag_s >= LAG_S:
-            if self._was_raised:
-                self._required_s = min(2 * self._required_s, MAX_HEADROOM_S)
-            self._was_raised = False
             self._lost_ns = t_ns
-            step = Step(self.level + 1, worst, lags[worst].lagging)
-        elif self.level and self._headroom_s >= self._required_s:
-            self._was_raised = True
-            step = Step(self.level - 1)
+            step = Step(self._lowered(t_ns), worst, lags[worst].lagging)
+        elif self.level and self._headroom_s >= self._required_s and self._changes >= 2:
+            self._raised_ns = t_ns
+            self._in_burst = False
+            step = Step(min(self._before, self.level - 1))
         else:
             return None
         self.level = step.level
+        self._changes -= 1
         self._forget()
         return step
+
+    def _lowered(self, t_ns: int) -> int:
+        """The next level, now that this one lags."""
+        lower = self.level + 1
+        if not self._in_burst and t_ns - self._raised_ns < KEPT_S * 1e9:
+            self._required_s = min(2 * self._required_s, MAX_HEADROOM_S)
+        elif not self._in_burst:
+            self._required_s = HEADROOM_S
+            self._before = self.level
+            lower = max(lower, self._deepest)
+        self._in_burst = True
+        self._deepest = lower
+        return lower
 
 
 class QualityControl:
