@@ -40,6 +40,13 @@ CHECK = "check this machine with `lfpipe doctor`"
 LOOK_S = 0.001  # between two polls of a ring
 STOPPED = (0, -signals.END, 128 + signals.END)  # exit codes of a session that did not fail
 START_S = 600.0  # a scene may be packed first
+_PARAMETERS = {  # what a command's messages call them, and what replaces it
+    r"--session( NAME)?\b": "name",
+    r"--set ([\w.]+)=(-?[\d.]+)(?![\w.])": r"settings={'\1': \2}",
+    r"--set ([\w.]+)=([^\s,;)]+)": r"settings={'\1': '\2'}",
+    r"--(camera|display|trace) '?([^\s,;']*[^\s,;':])'?": r"\1='\2'",
+    r"--(camera|display|trace)\b": r"\1",
+}
 STOP_S, LOAD_S = 30.0, 900.0  # a recording is completed at the end; a large scene is packed first
 
 
@@ -498,17 +505,6 @@ def _by_parameter(text: str) -> str:
     in backticks remains: it is typed in a terminal.
     """
     parts = text.split("`")
-    for k, part in enumerate(parts[::2]):
-        part = re.sub(r"--session( NAME)?\b", "name", part)
-        part = re.sub(r"--set ([\w.]+)=([^\s,;)]+)", _setting, part)
-        part = re.sub(r"--(camera|display|trace) '?([^\s,;']*[^\s,;':])'?", r"\1='\2'", part)
-        parts[2 * k] = re.sub(r"--(camera|display|trace)\b", r"\1", part)
+    for option, parameter in _PARAMETERS.items():
+        parts[::2] = [re.sub(option, parameter, part) for part in parts[::2]]
     return "`".join(parts)
-
-
-def _setting(found: re.Match[str]) -> str:
-    try:
-        value = json.loads(found[2])
-    except ValueError:  # a text
-        value = found[2]
-    return f"settings={ {found[1]: value} }"

@@ -10,17 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.errors import UserError
-from lfpipe.files.decoding import fit_note
+from lfpipe.files.decoding import BrokenFrame, fit_note
 from lfpipe.transport.ring import StampKind
 
 _TURNS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
-
-
-class BrokenFrame(UserError):
-    """Raised by `read` for a frame that cannot be decoded: it is lost, the next call continues
-    after it.
-    """
 
 
 def undecodable(what: str, error: BrokenFrame | MemoryError | cv2.error) -> BrokenFrame:

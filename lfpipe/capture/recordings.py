@@ -12,16 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.capture.frame_source import BrokenFrame, Frame, SourceInfo, size_notes, undecodable
+from lfpipe.capture.frame_source import Frame, SourceInfo, size_notes, undecodable
 from lfpipe.capture.schedule import STAMP_ROUNDING_NS, Schedule
 from lfpipe.capture.spec import FileSpec
-from lfpipe.capture.video import RecordedFrame, Video
 from lfpipe.errors import UserError
-from lfpipe.files.decoding import fitted, is_jpeg, picture_of
+from lfpipe.files.decoding import BrokenFrame, fitted, is_jpeg, picture_of
 from lfpipe.files.safe_files import open_regular, reason
 from lfpipe.host.files import is_dir
 from lfpipe.host.terminal import opencv_logging
 from lfpipe.scene.files import natural
+from lfpipe.scene.video import RecordedFrame, Video
 from lfpipe.sequence.folder import is_sequence, open_sequence
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".tif", ".tiff", ".webp"})
@@ -132,9 +132,9 @@ def open_recording(path: Path) -> Recording:
         return _sequence(path)
     try:
         if not is_dir(path):
-            file = open_regular(path)
+            open_regular(path).close()
             if path.suffix.lower() not in SUFFIXES:
-                video = Video(file, path)
+                video = Video(path, recording=True)
                 info = SourceInfo(
                     str(path),
                     (video.width_px, video.height_px),
@@ -143,7 +143,6 @@ def open_recording(path: Path) -> Recording:
                     jpeg=video.jpeg,
                 )
                 return Recording(info, video.read, video.close)
-            file.close()
             return _pictures([path])
         names = [entry.name for entry in path.iterdir()]
     except FileNotFoundError:

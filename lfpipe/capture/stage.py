@@ -18,13 +18,14 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.capture.frame_source import BrokenFrame, Frame
+from lfpipe.capture.frame_source import Frame
 from lfpipe.capture.open_source import camera_settings, check_source, open_source
 from lfpipe.capture.reconnecting_camera import CameraLost
 from lfpipe.capture.schedule import Lateness
 from lfpipe.config import Camera
 from lfpipe.config.modes import Lossless, RecordedEyes
 from lfpipe.errors import UserError
+from lfpipe.files.decoding import BrokenFrame
 from lfpipe.sequence.recorder import Recordable, Recorder
 from lfpipe.transport.clock import SECOND_NS, SleepWatch, now_ns
 from lfpipe.transport.context import Context

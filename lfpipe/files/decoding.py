@@ -6,7 +6,7 @@ JPEGs of every source are decoded here, so that recordings replay to the same bi
 import os
 import re
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import cv2
 import numpy as np
@@ -21,6 +21,10 @@ _BOXES = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"pnot")
 _CODEC = re.compile(rb"stsd.{12}(\w{4})|(V_[A-Z0-9/]{3,20})", re.DOTALL)
 ENDS_BYTES = 1 << 20  # of a file: they hold what declares its streams
 JPEG_START = b"\xff\xd8\xff"  # start of image, and of the first marker
+
+
+class BrokenFrame(UserError):
+    """A frame of a recording that cannot be decoded: it is lost, the next one may be read."""
 
 
 def opencv_name(path: Path) -> str:
@@ -46,9 +50,10 @@ def is_video(start: bytes) -> bool:
     )
 
 
-def codec_name(capture: Any, file: IO[bytes]) -> str:
-    """The name of a video's codec, for messages: as the decoder knows it, or as the file says."""
-    number = int(capture.get(cv2.CAP_PROP_FOURCC))
+def codec_name(number: int, file: IO[bytes]) -> str:
+    """The name of a video's codec, for messages: its FourCC as the decoder knows it, or as the file
+    says.
+    """
     if number > 0:
         return plain(number.to_bytes(4, "little").decode("latin-1").strip("\0 "))
     file.seek(0)

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import lfpipe
-from lfpipe.scene.layouts._grid import MIN_VIEW_PX
+from lfpipe.scene.layouts._likeness import MIN_VIEW_PX
 from lfpipe.scene.layouts.arrays import require_views
 from tests.scene import made
 from tests.support.hostile_sequences import made_sequence

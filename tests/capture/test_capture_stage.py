@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from lfpipe.capture import stage
-from lfpipe.capture.frame_source import BrokenFrame, Frame, SourceInfo
+from lfpipe.capture.frame_source import Frame, SourceInfo
 from lfpipe.capture.reconnecting_camera import CameraLost
 from lfpipe.capture.stage import COVERED_NS, IDLE_NS, LATE_PERIODS, CaptureStage, run
 from lfpipe.config import Camera, SessionOptions
 from lfpipe.config.modes import CameraViewer
+from lfpipe.files.decoding import BrokenFrame
 from lfpipe.sequence.recorder import Recordable
 from lfpipe.transport import ring
 from lfpipe.transport.clock import MS_NS, SECOND_NS

@@ -15,11 +15,11 @@ import pytest
 
 from lfpipe.capture import camera_list
 from lfpipe.capture import open_source as open_source_module
-from lfpipe.capture.frame_source import BrokenFrame
 from lfpipe.capture.open_source import check_source, open_source
 from lfpipe.capture.recordings import MAX_BROKEN, FileSource
 from lfpipe.capture.spec import CameraSpec, FileSpec
 from lfpipe.errors import UserError
+from lfpipe.files.decoding import BrokenFrame
 from tests.capture.made_files import CAMERA, SHAPE, noise, video
 from tests.support.hostile_files import NO_FILES, ended
 

@@ -35,6 +35,7 @@ from tests.scene.writers import (
     together,
     walk,
 )
+from tests.support.depth_photos import dynamic_depth
 from tests.support.stereo_files import PANORAMA, THUMBNAIL, UNDEFINED, indexed
 
 Cure = Callable[[Path], tuple[Path, config.Scene]]
@@ -307,9 +308,7 @@ AS_VIEWS = anew(grid(TWELVE, "view_{n:03d}.jpg"))
 AS_DEPTH = anew(
     files(x_png=VIEW, x_depth_png=(60 + 60 * made.middle_disparity(48, 64)).astype(np.uint8))
 )
-XMP = b"http://ns.adobe.com/xap/1.0/\0" + b'<x:Item Item:Semantic="Depth" Item:Length="0"/>'
-JPEG = cv2.imencode(".jpg", VIEW)[1].tobytes()
-PROMISED = JPEG[:2] + b"\xff\xe1" + (len(XMP) + 2).to_bytes(2) + XMP + JPEG[2:]
+PROMISED = dynamic_depth(jpeg(VIEW), [("Depth", b"")])
 PARAMETERS = "[extrinsics]\nnum_cams_x = 4\nnum_cams_y = 3\n"
 BY_TWO_NUMBERS = grid(TWELVE, "v_{r}_{c}.png")
 BY_ONE_NUMBER = grid(TWELVE, "v{n:02d}.png")
@@ -393,7 +392,7 @@ SETS: dict[str, list[PeopleSet]] = {
             layout="numbered",
         ),
         opens("color and depth", recorded(image="color"), "rgbd 5x9", text="00001"),
-        opens("times of TUM", tum, "numbered 1x6", sure=False),
+        opens("times of TUM", tum, "rgbd 5x9", sure=False, text="frames of one camera"),
         opens("two folders down", below("a", below("b", grid(TWELVE))), "rows-cols 3x4", sure=True),
         *more(opens("images and depth", recorded(image="images"), "rgbd 5x9")),
         opens(
@@ -812,22 +811,16 @@ SETS: dict[str, list[PeopleSet]] = {
             AS_DEPTH,
             layout="rgbd",
         ),
-        refuses(
+        opens(
             "depth that is promised only",
             one("x.jpg", PROMISED),
-            "claims to contain a depth",
-            AS_DEPTH,
+            "picture 1x1",
+            text="export the depth map as x_depth.png",
         ),
         refuses(
             "depth in false colours",
             files(x_png=VIEW, x_depth_png=TWELVE[2, 2]),
             "depth map has false colours",
-            AS_DEPTH,
-        ),
-        refuses(
-            "depth in floats",
-            files(x_png=VIEW, x_depth_tiff=made.middle_disparity(48, 64)),
-            "not a readable picture",
             AS_DEPTH,
         ),
         refuses(

@@ -15,7 +15,8 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene import layouts
 from lfpipe.scene.files import read_pfm
-from lfpipe.scene.layouts._tiles import find_tiles
+from lfpipe.scene.layouts._likeness import find_tiles
+from lfpipe.scene.layouts._tiles import Tiling
 from lfpipe.scene.orientation import orient
 from lfpipe.scene.source import SceneSource
 from tests.scene import made
@@ -204,8 +205,9 @@ def test_ways_to_pack_hdf5(tmp_path: Path, views: np.ndarray, options: dict[str,
 def test_tiles_may_be_no_whole_number_of_px(rows: int, cols: int, px: int, scale: float) -> None:
     whole = made.mosaic(made.views(rows, cols, px, px + 13, 1.0, -0.5))
     size = round(scale * whole.shape[1]) + 1, round(scale * whole.shape[0]) + 1
-    tiles = find_tiles(cv2.resize(whole, size, interpolation=cv2.INTER_AREA))
-    assert tiles is not None and tiles.shape == (rows, cols)
+    resized = cv2.resize(whole, size, interpolation=cv2.INTER_AREA)
+    assert find_tiles(resized) == (rows, cols)
+    tiles = Tiling.even(resized, rows, cols)
     off = [abs(at - size[0] * k / cols) for k, at in enumerate(tiles.lefts)]
     assert max(off) <= 0.5
 
@@ -223,8 +225,7 @@ def test_what_repeats_by_no_share_of_a_picture_is_no_mosaic() -> None:
 def test_a_grid_in_the_name_is_used_unless_the_picture_contradicts_it() -> None:
     picture = made.mosaic(made.views(4, 6, 90, 120))
     for name, expected in (("sheet_2x6", (4, 6)), ("sheet_4x6", (4, 6))):
-        tiles = find_tiles(picture, name)
-        assert tiles is not None and tiles.shape == expected
+        assert find_tiles(picture, name) == expected
 
 
 @pytest.mark.parametrize(

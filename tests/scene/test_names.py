@@ -13,8 +13,8 @@ from PIL import Image
 
 from lfpipe import config
 from lfpipe.scene import layouts
-from lfpipe.scene.layouts._names import MAPS, read_names
-from lfpipe.scene.layouts._running import find_columns
+from lfpipe.scene.layouts._likeness import find_columns
+from lfpipe.scene.layouts._names import is_map, read_names
 from lfpipe.scene.source import GridTransform
 from tests.scene import made
 from tests.support.examples import examples
@@ -151,7 +151,7 @@ def test_row_and_column_are_found_in_any_scheme(
     st.integers(3, 130),
     st.sampled_from(["", "_GT", "_2"]),
 )
-def test_a_running_number_is_no_grid(
+def test_a_likeness_number_is_no_grid(
     text: str, mark: str, width: int, start: int, count: int, end: str
 ) -> None:
     names = [f"{text}{mark}{number:0{width}d}{end}.jpg" for number in range(start, start + count)]
@@ -199,7 +199,7 @@ def test_names_and_folders_of_people(tmp_path: Path, scheme: str) -> None:
     [(*shape, 2.0, order) for shape in ((16, 16), (2, 8), (1, 20)) for order in ("rows", "cols")]
     + [(1, 51, 0.25, "rows"), (1, 51, 1.0, "rows"), (1, 45, 2.0, "rows"), (1, 101, 1.0, "rows")],
 )
-def test_columns_of_a_running_number(rows: int, cols: int, near_px: float, order: str) -> None:
+def test_columns_of_a_likeness_number(rows: int, cols: int, near_px: float, order: str) -> None:
     views = made.views(rows, cols, 48, 64, near_px, -near_px / 2)[..., 1]
     places = (
         [(r, c) for c in range(cols) for r in range(rows)]
@@ -338,9 +338,9 @@ def test_real_names_say_what_they_say() -> None:
 
 def test_names_of_maps_are_no_names_of_views() -> None:
     maps = ("class", "seg", "gt", "label", "normal", "flow", "depth", "mask", "confidence_map")
-    assert all(MAPS.search(f"{name}_0000") for name in maps)
+    assert all(is_map(f"{name}_0000") for name in maps)
     views = ("flower", "classic", "conference", "right", "view", "target")
-    assert not any(MAPS.search(f"{name}_0000") for name in views)
+    assert not any(is_map(f"{name}_0000") for name in views)
 
 
 def taken(path: Path, view: np.ndarray, second: float) -> None:

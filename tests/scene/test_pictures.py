@@ -19,6 +19,7 @@ from lfpipe.scene.missing_views import warped_disparity, warped_view
 from lfpipe.scene.orientation import orient
 from tests.scene import heic, made
 from tests.scene.writers import Make, files, film, one, together
+from tests.support.depth_photos import dynamic_depth, gdepth, with_xmp
 from tests.support.hostile_files import with_exif
 
 AUTO = config.Scene()
@@ -232,38 +233,63 @@ def test_a_depth_map_is_read_as_what_stands_lower_is_nearer(
         )
 
 
-XMP = b"http://ns.adobe.com/xap/1.0/\0"
+VIDEO = b"\0\0\0\x18ftypmp42" + b"video" * 50
+FAR_JPEG, FAR_PNG = jpeg(FAR_WHITE), bytes(cv2.imencode(".png", FAR_WHITE)[1])
+ITEMS = [("Depth", FAR_JPEG), ("MotionPhoto", VIDEO)]
+PORTRAIT = dynamic_depth(jpeg(PICTURE), ITEMS)
+LINEAR = np.asarray(1 / (1 - 0.4 * (1 - DISPARITY)), np.float64)  # of a depth of 1 to 5
+LINEAR_PNG = bytes(cv2.imencode(".png", np.rint((LINEAR - 1) / 4 * 255).astype(np.uint8))[1])
+RANGE = {"Format": "RangeLinear", "Near": 1, "Far": 5}
+INVERSE = {"Format": "RangeInverse", "Near": "0.9", "Far": "4.2"}
+PORTRAITS = {
+    "kinds": PORTRAIT,
+    "elements": dynamic_depth(jpeg(PICTURE), ITEMS, apart=True),
+    "other prefixes": dynamic_depth(jpeg(PICTURE), ITEMS, prefix="ns1"),
+    "extended": dynamic_depth(jpeg(PICTURE), ITEMS, extended=True),
+    "addresses": dynamic_depth(jpeg(PICTURE), ITEMS, uris=True, stated=INVERSE),
+    "addresses, elements": dynamic_depth(
+        jpeg(PICTURE), ITEMS, uris=True, apart=True, stated=INVERSE, extended=True
+    ),
+    "PNG": dynamic_depth(jpeg(PICTURE), [("Depth", FAR_PNG)]),
+    "before other data": PORTRAIT + b"SEFT" * 20,
+    "behind other items": dynamic_depth(jpeg(PICTURE), [("GainMap", jpeg(FLOOR)), *ITEMS]),
+    "GDepth": gdepth(jpeg(PICTURE), FAR_PNG, INVERSE),
+    "GDepth, elements": gdepth(jpeg(PICTURE), FAR_JPEG, INVERSE, apart=True, prefix="d"),
+    "GDepth, linear": gdepth(jpeg(PICTURE), LINEAR_PNG, RANGE),
+}
 
 
-def with_segments(data: bytes, *bodies: bytes) -> bytes:
-    return (
-        data[:2]
-        + b"".join(b"\xff\xe1" + (len(body) + 2).to_bytes(2) + body for body in bodies)
-        + data[2:]
-    )
-
-
-def dynamic_depth() -> bytes:
-    """Items that follow the picture, as the Android camera writes them."""
-    depth = jpeg(FAR_WHITE)
-    video = b"video" * 50
-    items = [("Primary", 0), ("Depth", len(depth)), ("MotionPhoto", len(video))]
-    listed = "".join(
-        f'<Container:Item Item:Mime="image/jpeg" Item:Semantic="{s}" Item:Length="{n}"/>'
-        for s, n in items
-    )
-    return with_segments(jpeg(PICTURE), XMP + listed.encode()) + depth + video
-
-
-PORTRAIT = dynamic_depth()
-
-
-def test_a_portrait_with_depth_becomes_views(tmp_path: Path) -> None:
-    source = layouts.describe(one("PORTRAIT_20260704.jpg", PORTRAIT)(tmp_path), AUTO)
+@pytest.mark.parametrize("kind", PORTRAITS)
+def test_depth_in_a_photograph_is_read_however_it_is_spelt(tmp_path: Path, kind: str) -> None:
+    source = layouts.describe(one("PORTRAIT_20260704.jpg", PORTRAITS[kind])(tmp_path), AUTO)
     assert (source.layout, source.rows, source.cols) == ("rgbd", 5, 9)
     assert np.abs(source.read(0, 2, 4).astype(int) - PICTURE).mean() < 3
     assert np.corrcoef(source.truth[2, 4]().ravel(), DISPARITY.ravel())[0, 1] > 0.95
-    # with its depth
+
+
+@pytest.mark.parametrize(
+    ("data", "named"),
+    [
+        (jpeg(PICTURE), False),
+        (jpeg(PICTURE) + VIDEO, False),
+        (jpeg(PICTURE) + b"SEFT DualShot_DepthMap_1" + bytes(50), True),
+        (jpeg(PICTURE) + FAR_JPEG, True),
+        (dynamic_depth(jpeg(PICTURE), [("Depth", b"no picture" * 9)]), True),
+        (dynamic_depth(jpeg(PICTURE), [("GainMap", jpeg(FLOOR))]), False),
+        (gdepth(jpeg(PICTURE), b"no picture", {}), True),
+        (with_xmp(jpeg(PICTURE), "<x"), False),
+    ],
+)
+def test_data_that_may_be_depth_and_are_not_read_are_named(
+    tmp_path: Path, data: bytes, named: bool
+) -> None:
+    source = layouts.describe(one("IMG.jpg", data)(tmp_path), AUTO)
+    assert source.layout == "picture"
+    assert any("IMG_depth.png" in note for note in source.notes) == named
+
+
+def test_depth_in_a_turned_photograph_turns_with_it(tmp_path: Path) -> None:
+    source = layouts.describe(one("upright.jpg", PORTRAIT)(tmp_path), AUTO)
     turned = layouts.describe(one("turned.jpg", with_exif(PORTRAIT, 6))(tmp_path), AUTO)
     upright = source.truth[2, 4]() / source.width_px
     assert np.allclose(turned.truth[2, 4]() / turned.width_px, np.rot90(upright, -1), atol=1e-4)

@@ -1,6 +1,5 @@
 """Pictures are placed by their camera poses in a `transforms.json`."""
 
-import copy
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -44,21 +43,54 @@ def test_poses_beside_the_pictures_place_them(
     assert tmp_path / "transforms.json" in source.files
 
 
-def test_poses_that_form_no_grid_are_left_to_the_names(tmp_path: Path) -> None:
-    grid = made.views(1, 7)
-    whole = json.loads((posed(tmp_path, grid, range(7)) / "transforms.json").read_text())
-    changes: tuple[Callable[[list[Any]], object], ...] = (
-        lambda frames: frames[2].pop("transform_matrix"),
-        lambda frames: frames[2].update(file_path="../images/0002.png"),
-        lambda frames: frames[2].update(file_path=3),
-        lambda frames: frames[2].update(transform_matrix=[[1, 2], [3]]),
-        lambda frames: frames[2].update(transform_matrix=[[1e308] * 4] * 4),
-        lambda frames: frames[2]["transform_matrix"].reverse(),  # looks another way
-        lambda frames: frames[2].update(transform_matrix=frames[3]["transform_matrix"]),
-        lambda frames: frames.append("x"),
+Frames = list[Any]
+
+
+@pytest.mark.parametrize(
+    ("change", "views", "said"),
+    [
+        (lambda frames: frames[2].pop("transform_matrix"), 6, "without a pose"),
+        (lambda frames: frames[2].update(file_path=3), 6, "without a pose"),
+        (lambda frames: frames[2].update(transform_matrix=[[1, 2], [3]]), 6, "without a pose"),
+        (lambda frames: frames[2].update(transform_matrix=[[1e308] * 4] * 4), 6, "without a pose"),
+        (lambda frames: frames[2].update(file_path="/home/me/images/0002.png"), 7, "placed by"),
+        (lambda frames: frames[2].update(file_path="C:\\me\\scan\\images\\0002.png"), 7, ""),
+        (lambda frames: frames[2].update(file_path="../images/0002"), 7, ""),
+        (lambda frames: frames[2].update(file_path="images/0099.png"), 6, "without a pose"),
+        (lambda frames: frames.append("x"), 7, ""),
+        (lambda frames: frames.append({**frames[3], "file_path": "test/7.png"}), 7, ""),
+        (lambda frames: frames[2]["transform_matrix"].reverse(), 0, "different directions"),
+        (lambda frames: [frame.pop("file_path") for frame in frames], 0, "have a picture here"),
+    ],
+)
+def test_poses_that_are_there_are_used_and_others_are_named_with_the_reason(
+    tmp_path: Path, change: Callable[[Frames], object], views: int, said: str
+) -> None:
+    file = posed(tmp_path, made.views(1, 7), [3, 1, 0, 5, 6, 2, 4]) / "transforms.json"
+    poses = json.loads(file.read_text())
+    change(poses["frames"])
+    file.write_text(json.dumps(poses))
+    source = layouts.describe(tmp_path, config.Scene())
+    assert (source.layout, source.cols) == (("poses", views) if views else ("numbered", 7))
+    assert any(said in note and "transforms.json" in note for note in source.notes) or any(
+        said in note and "0002.png" in note for note in source.notes
     )
-    for change in changes:
-        changed = copy.deepcopy(whole)
-        change(changed["frames"])
-        (tmp_path / "transforms.json").write_text(json.dumps(changed))
-        assert layouts.describe(tmp_path, config.Scene()).layout == "numbered"
+
+
+def test_a_grid_with_a_missing_picture_has_a_hole(tmp_path: Path) -> None:
+    grid = made.views(3, 4)
+    folder = posed(tmp_path, grid, np.random.default_rng(2).permutation(12).tolist())
+    (folder / "images" / "0004.png").unlink()
+    source = layouts.describe(folder, config.Scene())
+    assert (source.layout, source.rows, source.cols, len(source.missing)) == ("poses", 3, 4, 1)
+    for row, col in source.places:
+        assert np.array_equal(source.read(0, row, col), grid[row, col])
+
+
+def test_files_of_poses_that_are_none_are_named(tmp_path: Path) -> None:
+    made.write_grid(tmp_path, made.views(1, 7), "v_{c}.png")
+    for text in ("x", "[]", "{}", '{"frames": 3}'):
+        (tmp_path / "transforms.json").write_text(text)
+        source = layouts.describe(tmp_path, config.Scene())
+        assert source.layout == "numbered"
+        assert any("transforms.json" in note for note in source.notes)

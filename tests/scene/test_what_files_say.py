@@ -161,12 +161,12 @@ def test_a_codec_that_opencv_lacks_is_read_by_pyav_or_named(
     video = Video(path)
     assert (video.frames, video.width_px, video.height_px) == (6, 128, 96)
     for frame in (3, 0, 5):
-        assert np.abs(video.read(frame).astype(int) - line[frame]).mean() < 12
+        assert np.abs(video.rgb(frame).astype(int) - line[frame]).mean() < 12
     whole = path.read_bytes()
     for at in range(0, len(whole), len(whole) // 40):
         path.write_bytes(whole[:at] + bytes(40) + whole[at + 40 :])
         with contextlib.suppress(UserError):
-            Video(path).read(0)
+            Video(path).rgb(0)
     path.write_bytes(whole)
     monkeypatch.setattr("lfpipe.scene.video.find_spec", lambda name: None)
     with pytest.raises(UserError, match=r"\(codec (av01|AV01)\)") as refused:

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.capture.frame_source import BrokenFrame, FrameSource, as_read
+from lfpipe.capture.frame_source import FrameSource, as_read
 from lfpipe.capture.open_source import camera_settings, open_source
 from lfpipe.config import Config
 from lfpipe.errors import UserError
@@ -25,6 +25,7 @@ from lfpipe.extras.latency.estimate import (
     estimate,
     find_area,
 )
+from lfpipe.files.decoding import BrokenFrame
 from lfpipe.render.display.monitors import Monitor
 from lfpipe.render.display.open_display import has_display
 from lfpipe.render.display.overlay import Overlay

@@ -120,7 +120,7 @@ def _reader(path: Path) -> tuple[int, Callable[[int], NDArray[Any]]]:
                 f"give a video ({', '.join(VIDEOS)}) or a folder",
             )
         video = Video(path)
-        return video.frames, video.read
+        return video.frames, video.rgb
     names = sorted(listing.pictures(), key=natural)
 
     def read(number: int) -> NDArray[Any]:

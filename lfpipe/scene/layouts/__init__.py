@@ -14,8 +14,10 @@ from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header
 from lfpipe.plugins import LAYOUTS, blaming, load, plugins
 from lfpipe.scene.files import HOLDS_ALL, Listing, is_picture, library_errors, list_scene
+from lfpipe.scene.layouts import poses
 from lfpipe.scene.layouts._folders import inner_listing, note_of
 from lfpipe.scene.layouts._grid import GRID_REMEDY, parse_grid, some
+from lfpipe.scene.layouts._names import DEPTH, words
 from lfpipe.scene.source import Layout, SceneSource
 
 READABLE = (
@@ -95,6 +97,8 @@ def _source_of(known: dict[str, Layout], given: Listing, scene: config.Scene) ->
         source = attrs.evolve(
             source, path=given.path, notes=(*source.notes, *filter(None, [note_of(given, inner)]))
         )
+    if source.layout != poses.NAME:
+        source = attrs.evolve(source, notes=(*source.notes, *poses.unused_poses(given)))
     return source
 
 
@@ -111,11 +115,23 @@ def _not_recognised(listing: Listing) -> UserError:
 
 def _unused(listing: Listing, source: SceneSource) -> list[str]:
     """Notes of what a folder, and the pictures of a scene, hold in addition."""
-    headers = {path.name: open_header(path) for path in source.files if is_picture(path)}
+    maps = source.files[1:] if source.layout == "rgbd" else ()  # which may be no pictures
+    headers = {
+        path.name: open_header(path)
+        for path in source.files
+        if is_picture(path) and path not in maps
+    }
     notes = []
+    used = {path.name for path in source.files}
     if source.layout == "picture" and not listing.is_file and len(listing.names) > 1:
-        others = [name for name in listing.names if name not in headers]
+        others = [name for name in listing.names if name not in used]
         notes.append(f"one picture is shown; not read: {some(others)}; {READABLE}")
+    elif unread := [
+        name
+        for name in listing.names
+        if name not in used and DEPTH.search(words(name)) and not is_picture(listing.folder / name)
+    ]:
+        notes.append(f"not read: {some(unread)}")
     if clear := [name for name, header in headers.items() if header.alpha]:
         notes.append(f"transparent parts are shown over grey: {some(clear)}")
     holding = [

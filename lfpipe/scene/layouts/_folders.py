@@ -3,23 +3,25 @@ only folder with pictures.
 """
 
 import contextlib
-import re
+from collections.abc import Mapping
 
 import attrs
 
 from lfpipe.errors import UserError
 from lfpipe.scene.files import Listing, list_scene
 from lfpipe.scene.layouts._grid import some
-from lfpipe.scene.layouts._names import MAPS, read_names
-
-_DEEPEST = 2  # levels of folders below a folder without pictures
-_BESIDE = re.compile(r"__macosx|raw|thumb(nail)?s|originals?|backup|calib(ration)?(_?data)?")
-# of a pair, or of a picture and its depth: their layouts decide which of the files they use
-PAIRED = re.compile(
-    r"(left|right|l|r|image|img|cam|camera|rgb|colou?r|depth|disparity|disp)s?"
-    r"([-_ ]?(raw|data|images?|maps?|\d{1,2}))?",
-    re.IGNORECASE,
+from lfpipe.scene.layouts._names import (
+    NO_SCENE,
+    camera_of,
+    eye_pairs,
+    is_map,
+    pairs,
+    read_names,
+    words,
 )
+
+MOST_CAMERAS = 4  # that recorded side by side, of which two are a pair; more are a row
+_DEEPEST = 2  # levels of folders below a folder without pictures
 
 
 def inner_listing(listing: Listing, deepest: int = _DEEPEST) -> Listing | None:
@@ -29,16 +31,18 @@ def inner_listing(listing: Listing, deepest: int = _DEEPEST) -> Listing | None:
     """
     inner = _with_pictures(listing)
     if not inner and deepest and not listing.is_file:
-        below = (inner_listing(one, deepest - 1) for one in _subfolders(listing).values())
+        below = (inner_listing(one, deepest - 1) for one in subfolders(listing).values())
         return next(filter(None, below), None)
-    if _are_pair(inner):
-        pass
-    elif len(inner) > 1 or listing.pictures():
+    pair = paired(inner)
+    if not pair and (len(inner) > 1 or listing.pictures()):
         inner = {
             name: one
             for name, one in inner.items()
-            if not MAPS.search(name) and not _BESIDE.fullmatch(name.lower())
+            if not is_map(name) and not NO_SCENE.search(words(name))
         }
+        pair = paired(inner)
+    if pair:
+        inner = {name: inner[name] for name in pair}
     names = tuple(f"{folder}/{name}" for folder, one in inner.items() for name in one.pictures())
     if len(names) <= len(listing.pictures()):
         return None
@@ -54,7 +58,7 @@ def inner_listing(listing: Listing, deepest: int = _DEEPEST) -> Listing | None:
     return attrs.evolve(listing, names=names, folders=())
 
 
-def _subfolders(listing: Listing) -> dict[str, Listing]:
+def subfolders(listing: Listing) -> dict[str, Listing]:
     """The readable subfolders, by name."""
     found = {}
     for name in () if listing.is_file else listing.folders:
@@ -68,7 +72,7 @@ def _with_pictures(listing: Listing, deepest: int = _DEEPEST) -> dict[str, Listi
     that has some: cam0/data beside cam0/sensor.yaml.
     """
     found = {}
-    for name, one in _subfolders(listing).items():
+    for name, one in subfolders(listing).items():
         below = {} if one.pictures() or not deepest else _with_pictures(one, deepest - 1)
         if one.pictures():
             found[name] = one
@@ -77,15 +81,29 @@ def _with_pictures(listing: Listing, deepest: int = _DEEPEST) -> dict[str, Listi
     return found
 
 
-def _are_pair(inner: dict[str, Listing]) -> bool:
-    return len(inner) == 2 and all(PAIRED.fullmatch(name.partition("/")[0]) for name in inner)
+def paired(inner: Mapping[str, Listing]) -> list[str]:
+    """The first two folders that belong together by their words: of the left eye and of the right
+    one, of two cameras with pictures of the same names, of colour and of depth; [] if there are
+    none.
+    """
+    pictures = [name for name in inner if not is_map(name)]
+    cameras = {number: name for name in pictures for number in camera_of(name)}
+    beside = [
+        (name, cameras[word, number + 1])
+        for (word, number), name in cameras.items()
+        if (word, number + 1) in cameras
+        and inner[name].names == inner[cameras[word, number + 1]].names
+    ]
+    row = len(cameras) > MOST_CAMERAS and len({word for word, _ in cameras}) == 1
+    found = [*eye_pairs(pictures), *([] if row else beside), *pairs([*inner])]
+    return list(found[0]) if found else []
 
 
 def _are_parts(inner: dict[str, Listing]) -> bool:
     """Whether folders are rows of one scene, or a pair: their names are a pair's, or differ in a
     number only. A grid in each folder means one scene per folder.
     """
-    if _are_pair(inner):
+    if paired(inner):
         return True
     rows = read_names(tuple(inner))
     grids = [read_names(tuple(one.pictures())) for one in inner.values()]

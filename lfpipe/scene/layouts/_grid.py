@@ -2,29 +2,25 @@
 files.
 """
 
-import contextlib
 import re
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import attrs
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import MAX_DECODING_BYTES, Header, open_header, read_picture, small_grey
-from lfpipe.files.safe_files import open_file
 from lfpipe.scene.files import MAX_FILES, Listing
-from lfpipe.scene.layouts._names import MAPS, MAX_SIDE, NumberedNames, placed, read_names, spaced
-from lfpipe.scene.layouts._running import Running, find_columns, reduced
+from lfpipe.scene.layouts._likeness import MIN_VIEW_PX, Running, find_columns, reduced
+from lfpipe.scene.layouts._names import MAX_SIDE, NumberedNames, is_map, placed, read_names, spaced
+from lfpipe.scene.layouts._stated import taken
 from lfpipe.scene.source import GridTransform, SceneSource, ViewIndex
 
-MIN_VIEW_PX = 12  # side of a view: a smaller one shows nothing
-_EXIF, _TAKEN, _TAKEN_FRACTION = 0x8769, 0x9003, 0x9291  # EXIF's tags
+FULL = 0.75  # minimum share of a grid that has views
 _SMALL_PX = 256  # side of pictures compared to find the columns of a running number
 GRID_REMEDY = (
     "state the grid: `lfpipe scene describe FOLDER --grid ROWSxCOLS`; or name the views"
@@ -200,18 +196,6 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
     return _views_source(layout, listing, numbered, headers, certain=False)
 
 
-def _taken(path: Path) -> str:
-    """When a photograph was taken, as its EXIF states it; "" if unknown."""
-    with (
-        contextlib.suppress(Exception),  # of any parser
-        open_file(path) as file,
-        Image.open(file, formats=("JPEG", "HEIF")) as image,
-    ):
-        exif = image.getexif().get_ifd(_EXIF)
-        return f"{exif[_TAKEN]}.{exif.get(_TAKEN_FRACTION, '')}"
-    return ""
-
-
 def _laid_out(
     listing: Listing, numbered: NumberedNames, grid: ViewIndex | None
 ) -> tuple[Running, dict[ViewIndex, str], str]:
@@ -234,9 +218,9 @@ def _laid_out(
         raise misfit(str(listing.path), max(names) + 1, grid)
     note = ""
     if not grid and (run.rows == 1 or run.doubt):
-        taken = {name: time for name in names.values() if (time := _taken(listing.file(name)))}
-        by_time = sorted(names.values(), key=lambda name: taken.get(name, ""))
-        if len(taken) == len(names) and by_time != list(names.values()):
+        times = {name: time for name in names.values() if (time := taken(listing.file(name)))}
+        by_time = sorted(names.values(), key=lambda name: times.get(name, ""))
+        if len(times) == len(names) and by_time != list(names.values()):
             names = dict(enumerate(by_time))
             run = filled(names) or run
             note = (
@@ -307,7 +291,7 @@ def _views_source(
     require_grid(rows, cols, str(listing.path))
     holes = [place for place in np.ndindex(rows, cols) if place not in views]
     # the packer copies missing views from their neighbours
-    if len(holes) > 0.25 * rows * cols:
+    if len(views) < FULL * rows * cols:
         raise UserError(
             f"{listing.path}: the names span {rows}x{cols} views, but there are {len(views)} files",
             "give a folder with a whole row or a whole grid of one scene",
@@ -326,7 +310,7 @@ def _views_source(
     }
     if unused := [odd.get(name, name) for name in names if name not in used]:
         notes.append(f"{len(used)} of {len(names)} files used; the others are {some(unused)}")
-    if not doubt and 2 * len(used) < sum(not MAPS.search(name) for name in names):
+    if not doubt and 2 * len(used) < sum(not is_map(name) for name in names):
         doubt = f"only {len(used)} of {len(names)} pictures have names of one kind"
     return files_source(
         layout,

@@ -1,14 +1,17 @@
-"""Interprets the numbers in the names of pictures: row and column, or a running number.
-docs/layouts.md states the rules.
+"""Interprets the names of pictures: their words, by one table for all layouts, and their numbers,
+row and column or a running number. docs/layouts.md states the rules.
 
-A name is split into texts and numbers; names with the same texts form a family. Two numbers are row
-and column if they vary, neither is a counter, and their pairs explain nearly all names.
+A word ends where a separator, a digit or a change of case is: `leftImg8bit_0001` has the words
+left, img, 8, bit, 0001. Letters within a word mean nothing: Segovia is no segmentation.
+
+A name is also split into texts and numbers; names with the same texts form a family. Two numbers
+are row and column if they vary, neither is a counter, and their pairs explain nearly all names.
 """
 
 import math
 import re
 from collections import defaultdict
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from functools import lru_cache
 from itertools import combinations
 
@@ -17,12 +20,143 @@ import attrs
 from lfpipe.scene.files import stem_of
 from lfpipe.scene.source import ViewIndex
 
-MAPS = re.compile(
-    r"depth|disp|mask|matte|alpha|label|seg|normal|flow(?!er)|conf(?!e)|thumb|error|diff"
-    r"|(?<![a-z])gt|(?<![a-z])class(es)?(?![a-z])",
-    re.IGNORECASE,
+_ENDS = re.compile(  # of words, between letters of two kinds
+    r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=[^\W\d_])(?=\d)|(?<=\d)(?=[^\W\d_])"
 )
-_SIDES = re.compile(r"(?<![a-z])(left|l|right|r)(?![a-z])")
+_PART = re.compile(r"[^\W_]+")
+_TIME = re.compile(r"\d+( \d+)?$")  # the key of a name that is a number
+
+
+@lru_cache(maxsize=1 << 14)
+def words(name: str) -> str:
+    """The words of a name in lower case, each between two spaces; its ending is none of them."""
+    return f" {' '.join(_PART.findall(_ENDS.sub(' ', stem_of(name)).lower()))} "
+
+
+def _table(*texts: str) -> re.Pattern[str]:
+    """Any of these words, or of words in a row; each as a regular expression."""
+    return re.compile(f"(?<= )(?:{'|'.join(texts)})(?= )")
+
+
+COLOUR = _table("rgb", "colou?r(ed)?s?", "images?", "imgs?", "photos?", "pictures?")
+# larger is nearer by definition
+INVERSE = _table("disp(arity|arities|s)?", "inv(erse)?", "idepths?")
+_DEPTH_ = r"(depth|disparity|disp) ?maps?|i?depths?|disp(arity|arities|s)?|dpt|dmap"
+DEPTH = _table(_DEPTH_)
+MAPS = _table(  # of a value for each pixel; what a scene looks like in small
+    _DEPTH_,
+    *("masks?", "matte", "alpha", "labels?", "seg(mentation)?s?", "semantics?", "normals?"),
+    *("flow", "conf(idence)?s?", "thumb(nail)?s?", "err(or)?s?", "diffs?", "gt", "class(es)?"),
+    *("occ(lusion)?s?", "ir", "infra(red)?"),
+)
+RECORDED = _table("rgb", "colou?r(ed)?s?", "frames?")  # frames over time, if they have depth
+VIEWS = _table("views?", "viewpoints?", "cam(era)?s?", "inputs?")  # of one moment
+_PLAIN = _table("maps?", "raw", "aligned", "registered", "rectified", "rect", "data", "bit")
+EYES, _EYE_LETTERS = _table("left", "right"), _table("l", "r")
+# folders of two cameras that recorded side by side
+_CAMERA = _table("(image|img|cam|camera|colou?red|grey|gray|frame)s? \\d{1,2}")
+# pairs by Middlebury, the left one first
+NUMBERED_PAIRS = {"im 2": "im 6", "im 0": "im 1", "view 1": "view 5"}
+NO_SCENE = _table(  # folders beside a scene
+    *("macosx", "raw", "thumb(nail)?s?", "originals?", "backup", "calib(ration)?"),
+)
+RGBD = _table("rgb ?[dz]")
+ANAGLYPH = _table("anaglyphs?")
+ESLF = _table("eslf")
+_BESIDE_ = r"[hf]?sbs|side by side|sidebyside|lrf?|rlf?|(left right|right left)"
+_ABOVE_ = (
+    r"h?ou|h?tab|[hf]?tb|[hf]?bt|over (and )?under|overunder|top (and )?bottom|bottom (and )?top"
+)
+BESIDE = _table(_BESIDE_, "parallel", "3 dh", "cross ?eyed?", "x ?eyed?")
+ABOVE = _table(_ABOVE_, "3 dv")
+CROSSED = _table("cross ?eyed?", "x ?eyed?", "rlf?", "right left", "h?bt", "bottom (and )?top")
+HALF = _table(
+    *("hsbs", "hou", "htab", "htb", "hbt", "half (width|height)"),
+    *(f"h(alf)? ({_BESIDE_}|{_ABOVE_})", f"({_BESIDE_}|{_ABOVE_}) h(alf)?"),
+)
+
+
+def is_map(name: str) -> bool:
+    """Whether a name says that it is no picture of a scene but a map of one, or its preview."""
+    return MAPS.search(words(name)) is not None
+
+
+def without(text: str, *tables: re.Pattern[str]) -> str:
+    """Words that are in none of the tables, without those that say nothing about what a picture
+    shows; numbers without zeros before them.
+    """
+    for table in (*tables, _PLAIN):
+        text = table.sub("", text)
+    return " ".join(word.lstrip("0") if word.isdigit() else word for word in text.split())
+
+
+def side_of(name: str) -> tuple[str, bool] | None:
+    """(the rest of a name, whether it is the left view); None if no word denotes a side. Whole
+    words come before letters; if both sides are in it, the last one counts.
+    """
+    text = words(name)
+    found = [*EYES.finditer(text)] or [*_EYE_LETTERS.finditer(text)][-1:]
+    if not found:
+        return None
+    side = found[-1][0]
+    for match in reversed(found):
+        if match[0] == side and (match is found[-1] or len({one[0] for one in found}) == 1):
+            text = f"{text[: match.start()]}*{text[match.end() :]}"
+    return without(text), side.startswith("l")
+
+
+def camera_of(folder: str) -> list[tuple[str, int]]:
+    """The word and the number of a folder of one of several cameras; [] of another one."""
+    found = _CAMERA.search(words(folder))
+    word, _, number = found[0].rpartition(" ") if found else ("", "", "")
+    return [(word, int(number))] if found else []
+
+
+def eye_pairs(names: Sequence[str]) -> list[tuple[str, str]]:
+    """Left and right pictures: Middlebury's numbers; names that are equal but for the words of both
+    sides; equal names in the folders of two cameras.
+    """
+    by_words = {words(name).strip(): name for name in names}
+    for left, right in NUMBERED_PAIRS.items():
+        alike = re.compile(left.rstrip("0123456789") + r"\d{1,4}")
+        # more than two are all views of a Middlebury set
+        if (
+            left in by_words
+            and right in by_words
+            and sum(map(bool, map(alike.fullmatch, by_words))) <= 4
+        ):
+            return [(by_words[left], by_words[right])]
+    folders = sorted({name.rpartition("/")[0] for name in names})
+    cameras = len(folders) == 2 and all(map(camera_of, folders))
+    sides: dict[str, dict[bool, str]] = {}
+    for name in names:
+        folder, _, rest = name.rpartition("/")
+        if side := side_of(name) or ((words(rest), folder == folders[0]) if cameras else None):
+            sides.setdefault(side[0], {}).setdefault(side[1], name)
+    return [(both[True], both[False]) for both in sides.values() if len(both) == 2]
+
+
+def pairs(names: Sequence[str]) -> list[tuple[str, str]]:
+    """Pictures with their maps of depth or disparity: names that are equal but for the words of
+    both kinds, wherever they stand. In two folders of names that differ, as times do, each picture
+    has the nearest map.
+    """
+    maps: dict[str, str] = {}
+    firsts: dict[str, str] = {}
+    for name in names:
+        key = without(words(name), COLOUR, RECORDED, DEPTH, INVERSE)
+        (maps if DEPTH.search(words(name)) else firsts).setdefault(key, name)
+    found = [(name, maps[key]) for key, name in firsts.items() if key in maps]
+    if found or not all("/" in name for name in names):
+        return found
+    times = {float(key.replace(" ", ".")): name for key, name in maps.items() if _TIME.match(key)}
+    return [
+        (name, times[min(times, key=lambda time: abs(time - float(key.replace(" ", "."))))])
+        for key, name in firsts.items()
+        if times and _TIME.match(key)
+    ]
+
+
 _RUN = 0.9  # share of a family that row and column must explain to outrank a running number
 MAX_SIDE = 10_000  # views along one side of a grid
 _NUMBERS = (  # signs and decimals, as in coordinates; else digits alone
@@ -39,17 +173,6 @@ class NumberedNames:
     rows: int
     cols: int
     runs: bool  # whether one number runs
-
-
-def side_of(stem: str) -> tuple[str, bool] | None:
-    """(the rest of a name, whether it is the left view), by the last word for a side in it; None if
-    there is none.
-    """
-    words = list(_SIDES.finditer(stem.lower().replace("_", " ")))
-    if not words:
-        return None
-    rest = f"{stem[: words[-1].start()]}*{stem[words[-1].end() :]}".lower()
-    return rest, words[-1][1].startswith("l")
 
 
 def spaced(values: Collection[int]) -> tuple[int, int, int]:
@@ -136,7 +259,7 @@ def _families(stems: dict[str, str]) -> Iterator[tuple[tuple[float, float], Numb
         for texts, family in families.items():
             if len(family) < 2 or 2 * len(family) < most:
                 continue
-            maps = any(map(MAPS.search, texts))
+            maps = bool(MAPS.search(words(next(iter(family)))))
             columns = [_column(texts) for texts in zip(*family.values(), strict=True)]
             for found, share in _readings(list(family), columns):
                 weight = (_RUN if found.runs else 1) / (1 + maps)

@@ -125,7 +125,7 @@ def _source(
 
 def _numpy_arrays(path: Path) -> Mapping[str, NDArray[Any]]:
     """The arrays of a file by name. Raises UserError."""
-    with _damage(
+    with damage(
         path, "not a readable array", "save it with numpy.save or numpy.savez, without objects"
     ):
         open_file(path).close()  # which is opened by its path to be mapped
@@ -196,7 +196,7 @@ def _numpy_source(listing: Listing, path: Path) -> SceneSource:
 
 
 @contextlib.contextmanager
-def _damage(path: Path, what: str, remedy: str = "fetch the file again") -> Iterator[None]:
+def damage(path: Path, what: str, remedy: str = "fetch the file again") -> Iterator[None]:
     """Turns any exception of a parser into UserError."""
     try:
         yield
@@ -211,13 +211,13 @@ def _hdf5(path: Path) -> Any:
     """The h5py.File at path. Raises UserError."""
     import h5py  # 0.1 s, and only two layouts need it
 
-    with open_file(path) as file, _damage(path, "not a readable HDF5 file"):
+    with open_file(path) as file, damage(path, "not a readable HDF5 file"):
         return h5py.File(proc_fd_path(file), "r")
 
 
 def _names(path: Path, file: Any) -> list[str]:
     """The names of a file's first objects; those that are not UTF-8 are bytes in h5py."""
-    with _damage(path, "the names of its arrays cannot be read"):
+    with damage(path, "the names of its arrays cannot be read"):
         names = itertools.islice(file, 100)
         return [plain(name if isinstance(name, str) else repr(name), 100) for name in names]
 
@@ -229,7 +229,7 @@ def _hdf5_array(path: Path, file: Any, *keys: str) -> Any:
     import h5py
 
     for key in keys:
-        with _damage(path, f"{key} cannot be read"):
+        with damage(path, f"{key} cannot be read"):
             # a chain of links may end anywhere
             linked = isinstance(file.get(key, getlink=True), h5py.ExternalLink | h5py.SoftLink)
             data = None if linked else file.get(key)
@@ -306,7 +306,7 @@ def _matlab_array(path: Path) -> tuple[Any, list[str], bool]:
                 f"{path}: a .mat file older than v7.3 needs scipy",
                 f"{install_command('scipy')}, or save it with -v7.3",
             ) from None
-        with _damage(path, "not a readable .mat file", "save it again, with -v7.3"):
+        with damage(path, "not a readable .mat file", "save it again, with -v7.3"):
             names = [name for name, _, _ in scipy.io.whosmat(file)]
             file.seek(0)
             arrays = scipy.io.loadmat(file, variable_names=_KEYS)
@@ -347,7 +347,7 @@ def _hci_old_source(listing: Listing, path: Path) -> SceneSource:
     file = _hdf5(path)
     names = _names(path, file)
     source = _ordered_source("hci-old", listing, path, _hdf5_array(path, file, *_KEYS), names)
-    with _damage(path, "the attributes cannot be read"):
+    with damage(path, "the attributes cannot be read"):
         values = {
             name: float(np.ravel(file.attrs[name])[0])
             for name in ("dH", "focalLength", "shift")

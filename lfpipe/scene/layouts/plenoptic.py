@@ -11,6 +11,7 @@ from lfpipe import config
 from lfpipe.files.pictures import read_picture
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import parse_grid
+from lfpipe.scene.layouts._names import ESLF, words
 from lfpipe.scene.layouts._tiles import require_picture, single_picture
 from lfpipe.scene.source import GridTransform, SceneSource, ViewIndex
 
@@ -70,7 +71,7 @@ def lit(source: SceneSource) -> SceneSource:
 
 def detect(listing: Listing) -> int | None:
     path = single_picture(listing)
-    return None if path is None or "eslf" not in path.stem.lower() else 90
+    return 90 if path is not None and ESLF.search(words(path.name)) else None
 
 
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:

@@ -4,7 +4,6 @@ RGB-D), in two files, or inside a JPEG as phones write it.
 Views around the picture are rendered from it: shifted by depth, holes filled from behind.
 """
 
-import re
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -17,22 +16,29 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header, read_picture, upright
-from lfpipe.scene.files import Listing
-from lfpipe.scene.layouts._embedded_depth import embedded_depth, has_depth
+from lfpipe.files.safe_files import open_file
+from lfpipe.host.files import proc_fd_path
+from lfpipe.scene.files import Listing, is_picture, read_pfm
 from lfpipe.scene.layouts._grid import parse_grid, require_grid, some
-from lfpipe.scene.layouts._names import MAPS, read_names
+from lfpipe.scene.layouts._names import (
+    DEPTH,
+    INVERSE,
+    RECORDED,
+    RGBD,
+    VIEWS,
+    is_map,
+    pairs,
+    read_names,
+    words,
+)
+from lfpipe.scene.layouts._stated import embedded_depth
 from lfpipe.scene.layouts._tiles import halves, require_picture, single_picture
+from lfpipe.scene.layouts.arrays import damage
 from lfpipe.scene.missing_views import nearest, warped_disparity, warped_view
 from lfpipe.scene.source import GridTransform, SceneSource
 
 NAME = "rgbd"
-_NAMED = re.compile(r"rgb-?[dz](?![a-z])")
-_DEPTH = re.compile(r"depth|disparity|(?<![a-z])(dpt|disp)(?![a-z])")
-_BETWEEN = re.compile(r"[-_. /]+")
-_COLOUR = re.compile(r"(?<![a-z])(rgb|colou?r|images?|img|photo|picture)(?![a-z])")
-# of a recording, in a folder with its depth or in its own; other names may be views
-_FRAME = re.compile(r"(rgb|colou?r)[-_. ]*\d{1,9}|(rgb|colou?r|images?|img|photo|picture)[^/]*/.*")
-_INVERSE = re.compile(r"disp|inverse|inv[-_ ]?depth")  # larger is nearer by definition
+MAP_ENDS = (".npy", ".npz", ".pfm", ".exr")  # of maps that are no pictures
 _MAX_PX = 700_000  # of the rendered views: 45 of them are packed in ten seconds
 _SAME_SHAPE = 1.2  # maximum ratio of the aspects of a picture and its depth map
 COLOURED = 6.0  # levels between channels: fewer in a depth map, more in a picture
@@ -60,31 +66,59 @@ class _Photo:
 def read_depth(
     stored: NDArray[Any], name: str, by_format: bool = False
 ) -> tuple[NDArray[np.float32], str, str]:
-    """(nearness, why, doubt), as in `_Photo`, of a stored depth map, uint8 or uint16 (h, w).
+    """(nearness, why, doubt), as in `_Photo`, of a stored depth map, (h, w).
 
-    16-bit values that do not span the whole range are distances: near is small, 0 means not
-    measured. In other maps white is near, unless lower parts, which usually are nearer, are
-    darker. by_format: the format defines white as near.
+    Values of 16 bits or floats that do not span the whole range are distances: near is small. In
+    other maps white is near, unless lower parts, which usually are nearer, are darker. What is 0,
+    negative or not finite was not measured, but for the black of a map in which white is near.
+    by_format: the format defines white as near.
     """
-    values = stored.astype(np.float32)
-    if by_format or _INVERSE.search(name):
+    with np.errstate(over="ignore"):
+        values = stored.astype(np.float32)
+    values[~np.isfinite(values)] = np.nan
+    known = np.where(values > 0, values, np.float32(np.nan))
+    if by_format:
         return values, "white is near", ""
-    if stored.dtype == np.uint16 and (int(stored.min()) > 0 or int(stored.max()) < 65535):
-        with np.errstate(divide="ignore"):
-            near = np.where(stored > 0, 1 / values, np.float32(np.nan)).astype(np.float32)
+    if INVERSE.search(words(name)):
+        return known, "white is near", ""
+    if stored.dtype.itemsize > 1 and not _stretched(stored):
+        if stored.dtype.kind != "f":
+            known[stored == np.iinfo(stored.dtype).max] = np.nan
+        near = np.asarray(1 / known, np.float32)
         against = _lower_is_nearer(near) < -LOWER
+        if against and stored.dtype.kind == "f":  # as networks write it
+            doubt = f"whether near is large in the depth map, as lower parts are; {_LEFT_OPEN}"
+            return known, "near is large in the depth map: lower parts have larger values", doubt
         doubt = "whether the depth map contains distances: lower parts would be farther"
         return (
             near,
             "near is small in the depth map, as in distances; 0 was not measured",
             f"{doubt}; {_LEFT_OPEN}" if against else "",
         )
+    if _scattered(stored == 0):
+        values = known
     lower = _lower_is_nearer(values)
     if lower < -LOWER:
         what = f"whether black is near in the depth map: lower parts are darker; {_LEFT_OPEN}"
-        return -values, "black is near: lower parts of the depth map are darker", what
+        return -known, "black is near: lower parts of the depth map are darker", what
     doubt = f"whether white is near in the depth map; {_LEFT_OPEN}"
     return values, "white is near", "" if lower > LOWER else doubt
+
+
+def _scattered(holes: NDArray[np.bool_]) -> bool:
+    """Whether pixels are holes in what is around them, not a region of the picture."""
+    solid = cv2.erode(holes.astype(np.uint8), np.ones((5, 5), np.uint8))
+    return bool(2 * np.count_nonzero(solid) < np.count_nonzero(holes))
+
+
+def _stretched(stored: NDArray[Any]) -> bool:
+    """Whether a map uses its whole range of values, which distances do not. A full value far above
+    all others means that they were too far.
+    """
+    full = 1.0 if stored.dtype.kind == "f" else float(np.iinfo(stored.dtype).max)
+    inner = stored[(stored > 0) & (stored < full)]
+    ends = float(np.nanmin(stored)) == 0 and float(np.nanmax(stored)) == full
+    return ends and inner.size > 0 and float(inner.max()) > 0.9 * full
 
 
 def _lower_is_nearer(nearness: NDArray[np.float32]) -> float:
@@ -97,34 +131,63 @@ def _lower_is_nearer(nearness: NDArray[np.float32]) -> float:
     return float(np.corrcoef(y[use], small[use])[0, 1])
 
 
-def _stem(name: str) -> str:
-    return name.rpartition(".")[0].lower()
+def _pairs(listing: Listing) -> list[tuple[str, str]]:
+    """The names of pictures and of their depth maps: of one picture, or of a recording. Of views,
+    each may have a map of its own.
+    """
+    names = [
+        name
+        for name in listing.names
+        if is_picture(listing.folder / name)
+        or (name.lower().endswith(MAP_ENDS) and DEPTH.search(words(name)))
+    ]
+    maps = [name for name in names if DEPTH.search(words(name))]
+    others = [name for name in names if not is_map(name)]
+    if len(others) == len(maps) == 1:
+        return [(others[0], maps[0])]
+    found = [] if listing.is_file else pairs(names)
+    counted = read_names(tuple(first for first, _ in found)) if len(found) > 1 else None
+    recorded = counted is None or (
+        counted.runs
+        and all(
+            RECORDED.search(words(first)) or not VIEWS.search(words(first)) for first, _ in found
+        )
+    )
+    return found if recorded else []
 
 
-def _words(name: str) -> str:
-    """A name without its suffix, the words for depth and colour, and zeros before numbers."""
-    rest = _BETWEEN.sub("", _COLOUR.sub("", _DEPTH.sub("", _stem(name))))
-    return re.sub(r"0+(?=\d)", "", rest)
-
-
-def _frames(listing: Listing) -> list[str]:
-    """The pictures of a recording by a depth camera (rgb_0001, depth_0001; rgb/, depth/)."""
-    return [name for name in listing.pictures() if _FRAME.fullmatch(_stem(name))]
-
-
-def _pair(listing: Listing) -> tuple[str, str] | None:
-    """Names of a picture and of its depth map; the first of several pairs."""
-    names = listing.pictures()
-    depths = [name for name in names if _DEPTH.search(_stem(name))]
-    pictures = [name for name in names if name not in depths and not MAPS.search(_stem(name))]
-    if len(pictures) == 1 and len(depths) == 1:
-        return pictures[0], depths[0]
-    named = {_words(name): name for name in reversed(pictures)}
-    pairs = [(named[_words(depth)], depth) for depth in depths if _words(depth) in named]
-    counted = read_names(tuple(pictures)) if pairs else None
-    # views, of which each may have its own depth
-    views = counted is not None and not (counted.runs and 2 * len(_frames(listing)) > len(pictures))
-    return None if views or not pairs else pairs[0]
+def read_map(path: Path) -> NDArray[Any]:
+    """A map of depth or disparity as it is stored, (h, w). Raises UserError."""
+    ending = path.suffix.lower()
+    values: Any = None
+    if ending in (".npy", ".npz"):
+        with damage(path, "not a readable array", "save it with numpy.save, without objects"):
+            open_file(path).close()
+            stored = np.load(path, allow_pickle=False)
+            values = stored if ending == ".npy" else stored[stored.files[0]]
+    elif ending == ".pfm":
+        values = read_pfm(path)
+    elif ending in (".tif", ".tiff", ".exr"):  # floats, which are no picture
+        with open_file(path) as file:
+            values = cv2.imread(proc_fd_path(file), cv2.IMREAD_UNCHANGED)
+    if ending == ".exr" and values is None:
+        raise UserError(
+            f"{path}: OpenEXR is not read here", f"save the map as {path.stem}.npy, .pfm or .tif"
+        )
+    if values is None or (ending.startswith(".tif") and values.dtype.kind != "f"):
+        values = read_picture(path)[0]
+        if colour_levels(values) > COLOURED:
+            raise UserError(
+                f"{path}: the depth map has false colours",
+                "save it in grey, with near parts white",
+            )
+    values = np.squeeze(values)
+    values = values[..., min(1, values.shape[2] - 1)] if values.ndim == 3 else values
+    if values.ndim != 2 or values.dtype.kind not in "uif":
+        raise UserError(
+            f"{path}: an array of the sizes {values.shape}, not a map", "save one of two axes"
+        )
+    return np.asarray(values)
 
 
 def colour_levels(picture: NDArray[Any]) -> float:
@@ -149,41 +212,33 @@ def _beside(picture: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]] | None:
 
 
 def detect(listing: Listing) -> int | None:
-    if _pair(listing) is not None:
+    if _pairs(listing):
         return 84
     path = single_picture(listing)
-    if path is not None and has_depth(path):
+    if path is not None and embedded_depth(path) is not None:
         return 87
-    if path is None or not _NAMED.search(path.stem.lower()):
+    if path is None or not RGBD.search(words(path.name)):
         return None
     return None if _beside(read_picture(path)[0]) is None else 88
 
 
 def _read(listing: Listing) -> _Photo:
     """Raises UserError."""
-    if pair := _pair(listing):
-        paths = tuple(listing.file(name) for name in pair)
-        (picture, full), (stored, _) = read_picture(paths[0]), read_picture(paths[1])
-        if colour_levels(stored) > COLOURED:
-            raise UserError(
-                f"{paths[1]}: the depth map has false colours",
-                "save it in grey, with near parts white",
-            )
-        near, why, doubt = read_depth(
-            stored if stored.ndim == 2 else stored[..., 1], pair[1].lower().rpartition(".")[0]
-        )
-        if len(_frames(listing)) > 1:
+    if found := _pairs(listing):
+        paths = tuple(listing.file(name) for name in found[0])
+        picture, full = read_picture(paths[0])
+        near, why, doubt = read_depth(read_map(paths[1]), found[0][1])
+        if len(found) > 1:
             doubt = "; ".join(filter(None, (_FRAMES, doubt)))
         return _Photo(paths=paths, picture=picture, full=full, nearness=near, why=why, doubt=doubt)
     path = require_picture(listing)
     picture, full = read_picture(path)
-    if has_depth(path):
-        near = np.asarray(upright(embedded_depth(path), open_header(path).orientation), np.float32)
+    if (depth := embedded_depth(path)) is not None:
         return _Photo(
             paths=(path,),
             picture=picture,
             full=full,
-            nearness=near,
+            nearness=np.asarray(upright(depth, open_header(path).orientation), np.float32),
             why="depth from the photograph's own depth map",
         )
     both = _beside(picture)
@@ -193,7 +248,7 @@ def _read(listing: Listing) -> _Photo:
             "give picture and depth side by side, or as x.png and x_depth.png in a folder of"
             " their own",
         )
-    near, why, doubt = read_depth(both[1][..., 1], path.stem.lower(), by_format=True)
+    near, why, doubt = read_depth(both[1][..., 1], path.name, by_format=True)
     return _Photo(paths=(path,), picture=both[0], full=full, nearness=near, why=why, doubt=doubt)
 
 

@@ -13,8 +13,6 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
@@ -28,58 +26,39 @@ from lfpipe.scene.layouts._grid import (
     named_views,
     parse_grid,
 )
-from lfpipe.scene.layouts._running import find_columns, reduced
+from lfpipe.scene.layouts._likeness import (
+    are_frames,
+    find_columns,
+    find_tiles,
+    is_anaglyph,
+    plane_of,
+    reduced,
+)
+from lfpipe.scene.layouts._names import ANAGLYPH, words
+from lfpipe.scene.layouts._stated import unread_depth
 from lfpipe.scene.layouts._tiles import (
     QUILT_NAME,
-    find_tiles,
     is_film,
     last_picture,
-    plane_of,
     require_picture,
     single_picture,
     tiling,
 )
-from lfpipe.scene.optical_flow import returned_flow, textured
 from lfpipe.scene.source import GridTransform, Layout, SceneSource
 from lfpipe.scene.video import USUAL_RATE_HZ, Video, second_stream, telling_frame
 
-# longer side of the examined copy
-_ASIDE_PX = 1.5  # shift between red and green: more than lens errors
-_DOWN_SHARE = 0.15  # of the motion across: both eyes are at one height
-_GLANCE_PX = 512  # longer side of the examined copy
-_ASIDE_PX = 1.5  # shift between red and green: more than lens errors
-_DOWN_SHARE = 0.15  # of the motion across: both eyes are at one height
 _SMALL_PX = 128  # side of frames to compare
 _STILLS = ("JPEG", "TIFF", "HEIF")  # several pictures in one such file are no animation
 
 
-def _is_anaglyph(picture: NDArray[Any], name: str) -> bool:
-    """Whether the name says so, or red is shifted against green, as between the pictures of two
-    eyes.
-    """
-    if "anaglyph" in name.lower():
-        return True
-    small = reduced(picture, _GLANCE_PX)
-    if picture.ndim == 2 or min(small.shape[:2]) < 24:
-        return False
-    red, green = (
-        np.asarray(cv2.equalizeHist(plane_of(small[..., channel])), np.uint8) for channel in (0, 1)
-    )
-    aside, confirmed = returned_flow(red, green)
-    detail = confirmed & textured(green)
-    if not detail.any():
-        return False
-    across, down = np.abs(aside[detail]).T
-    across_px = float(np.percentile(across, 70))
-    return bool(across_px > _ASIDE_PX and np.median(down) < max(0.5, _DOWN_SHARE * across_px))
-
-
 def _describe_picture(listing: Listing, scene: config.Scene) -> SceneSource:
     path = require_picture(listing)
-    note = (
-        "this looks like a red/cyan anaglyph, which is shown flat: its colours do not give back the"
-        " stereo pair"
-    )
+    notes = [note] if (note := unread_depth(path)) else []
+    if ANAGLYPH.search(words(path.name)) or is_anaglyph(read_picture(path)[0]):
+        notes.append(
+            "this looks like a red/cyan anaglyph, which is shown flat: its colours do not give back"
+            " the stereo pair"
+        )
     return files_source(
         "picture",
         listing,
@@ -87,7 +66,7 @@ def _describe_picture(listing: Listing, scene: config.Scene) -> SceneSource:
         (1, 1),
         turn=GridTransform(),
         turn_by="there is one view",
-        notes=(note,) if _is_anaglyph(read_picture(path)[0], path.stem) else (),
+        notes=tuple(notes),
     )
 
 
@@ -110,7 +89,7 @@ def _frames(path: Path) -> list[NDArray[Any]]:
             f"if the camera slid sideways, make views with `lfpipe scene make {path}`; give the"
             " frames of a grid as pictures in a folder",
         )
-    return [video.read(frame) for frame in range(video.frames)]
+    return [video.rgb(frame) for frame in range(video.frames)]
 
 
 def _describe_animation(listing: Listing, scene: config.Scene) -> SceneSource:
@@ -177,17 +156,6 @@ def _detect_mosaics(listing: Listing) -> int | None:
     return 45 if _has_tiles(read_picture(first_path)[0], first_path) else None
 
 
-def _alike(a: Path, b: Path) -> bool:
-    """Whether two pictures may be frames of one video."""
-    small = [
-        cv2.resize(plane_of(read_picture(path)[0]), (32, 32), interpolation=cv2.INTER_AREA)
-        for path in (a, b)
-    ]
-    return min(look.std() for look in small) > 1 and bool(
-        np.corrcoef(small[0].ravel(), small[1].ravel())[0, 1] > 0.5
-    )
-
-
 def _mosaics(layout: str, listing: Listing) -> tuple[list[Path], tuple[str, ...]]:
     """The pictures of tiles, and a note if they are not frames of one video.
 
@@ -197,7 +165,9 @@ def _mosaics(layout: str, listing: Listing) -> tuple[list[Path], tuple[str, ...]
         return [require_picture(listing)], ()
     paths = [listing.file(name) for name in listing.pictures()] or [require_picture(listing)]
     sizes = [open_header(path).size for path in paths]
-    if len(paths) > 1 and (sizes[0] != sizes[1] or not _alike(*paths[:2])):
+    if len(paths) > 1 and (
+        sizes[0] != sizes[1] or not are_frames(*(read_picture(path)[0] for path in paths[:2]))
+    ):
         note = f"{len(paths)} unrelated pictures: using {paths[0].name}; to see another one, give"
         return paths[:1], (f"{note} its path",)
     for path, size in zip(paths, sizes, strict=True):
@@ -216,10 +186,10 @@ def _describe_tiles(layout: str, listing: Listing, scene: config.Scene) -> Scene
     if is_film(listing):
         paths = [listing.file(listing.names[0])]
         video = Video(paths[0])
-        load = last_picture(video.read)
+        load = last_picture(video.rgb)
         full = 255
         frames = video.frames
-        rate_hz = video.rate_hz
+        rate_hz = video.rate_hz or USUAL_RATE_HZ
         telling = telling_frame(paths[0])[0]
         notes = tuple(second_stream(paths[0]))
     else:

@@ -6,7 +6,6 @@ What a JPEG says decides, whatever its ending: the index of its pictures (CIPA D
 .mpo), or a descriptor (VRex's format, usually .jps; without it, the right eye's half comes first).
 """
 
-import re
 from collections.abc import Callable
 from contextlib import suppress
 from functools import lru_cache
@@ -23,85 +22,40 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header, read_frames, read_picture
 from lfpipe.scene.files import VIDEOS, Listing
-from lfpipe.scene.layouts._grid import MIN_VIEW_PX, files_source, some
-from lfpipe.scene.layouts._names import MAPS, read_names, side_of
-from lfpipe.scene.layouts._running import reduced
+from lfpipe.scene.layouts._grid import files_source, some
+from lfpipe.scene.layouts._likeness import MIN_VIEW_PX, are_a_pair
+from lfpipe.scene.layouts._names import (
+    ABOVE,
+    BESIDE,
+    CROSSED,
+    HALF,
+    NUMBERED_PAIRS,
+    eye_pairs,
+    is_map,
+    read_names,
+    side_of,
+    words,
+)
+from lfpipe.scene.layouts._stated import Halves, contained, described
 from lfpipe.scene.layouts._tiles import (
     halves,
     is_film,
     last_picture,
-    plane_of,
     require_picture,
     single_picture,
 )
-from lfpipe.scene.optical_flow import returned_flow, textured
 from lfpipe.scene.source import GridTransform, SceneSource
-from lfpipe.scene.video import Video, second_stream, stream_count, telling_frame
+from lfpipe.scene.video import USUAL_RATE_HZ, Video, second_stream, stream_count, telling_frame
 
 NAME = "stereo"
-# Middlebury's pairs, the left one first
-_NUMBERED = {"im2": "im6", "im0": "im1", "view1": "view5", "img_left": "img_right"}
-# folders of two cameras that recorded side by side
-_CAMERA = re.compile(r"(image|img|cam|camera)s?[-_ ]?\d{1,2}")
-# of names in lower case, with spaces for "_"
-_FULL_OR_HALF = r"(?<![a-z])((h|half|f|full)?[-. ]?"
-_BESIDE = re.compile(
-    _FULL_OR_HALF + r"(sbs|side[- ]?by[- ]?side)|parallel|lr|rl|3dh|cross[- ]?eyed?|xeyed?"
-    r"|(left|right)[- ]?(right|left))(?![a-z])"
-)
-_CROSSED = re.compile(
-    r"cross[- ]?ey|(?<![a-z])(xeyed?|rl|right[- ]?left|h?bt|bottom[- ]?(and[- ]?)?top)(?![a-z])"
-)
-_ABOVE = re.compile(
-    _FULL_OR_HALF + r"(ou|tab|tb|bt|over[- ]?(and[- ]?)?under"
-    r"|(top|bottom)[- ]?(and[- ]?)?(top|bottom))|3dv)(?![a-z])"
-)
-_HALF = re.compile(r"(?<![a-z])(h|half)[-. ]?(sbs|ou|tb|tab|bt|width|over|top|bottom|side)")
-_GLANCE_PX = 384  # longer side of the compared halves
-_AGREED = 0.5  # minimum share of the detail of two halves that flow matches
-
-
-# descriptor of a stereo JPEG: bytes of the kind and the arrangement, and bits of a third byte
-_STEREO, _SIDE_BY_SIDE, _OVER_UNDER = 1, 2, 3
-_HALF_WIDTH, _LEFT_FIRST = 2, 4
-
-
-@attrs.frozen(kw_only=True)
-class _Halves:
-    """The arrangement of two views in one picture."""
-
-    above: bool  # one above the other, else side by side
-    squeezed: bool  # to half the width or height
-    crossed: bool  # the right eye's picture comes first
-    why: str  # what states that, "" for nothing
-    mark: int  # as `detect` returns it
-    streams: bool = False  # not in one picture: in two video streams
 
 
 def _pairs(listing: Listing) -> list[tuple[str, str]]:
     """The names of left and right pictures of a folder."""
-    # with the folder, if it is part of the name
-    by_stem = {name.rpartition(".")[0].lower(): name for name in listing.pictures()}
-    for left, right in _NUMBERED.items():
-        numbered = sum(
-            re.fullmatch(left.rstrip("0123456789") + r"\d{1,4}", stem) is not None
-            for stem in by_stem
-        )
-        # more than two are all views of a Middlebury set
-        if left in by_stem and right in by_stem and numbered <= 4:
-            return [(by_stem[left], by_stem[right])]
-    folders = sorted({stem.rpartition("/")[0] for stem in by_stem})
-    cameras = len(folders) == 2 and all(
-        _CAMERA.fullmatch(folder.partition("/")[0]) for folder in folders
-    )
-    sides: dict[str, dict[bool, str]] = {}
-    for stem, name in by_stem.items():
-        folder, _, rest = stem.rpartition("/")
-        if side := side_of(stem) or ((rest, folder == folders[0]) if cameras else None):
-            sides.setdefault(side[0], {})[side[1]] = name
-    pairs = [(both[True], both[False]) for both in sides.values() if len(both) == 2]
-    grid = read_names(tuple(left for left, _ in pairs)) if len(pairs) > 3 else None
-    # two grids of cameras, left and right, are not an album of pairs
+    pairs = eye_pairs([name for name in listing.pictures() if not is_map(name)])
+    names = tuple(left for left, _ in pairs)
+    # two grids of cameras, left and right, are not an album of pairs; two folders are
+    grid = read_names(names) if len(pairs) > 3 and "/" not in names[0] else None
     return [] if grid is not None and not grid.runs else pairs
 
 
@@ -113,17 +67,6 @@ def _alone(listing: Listing) -> Path | None:
     return listing.file(names[0]) if len(names) == 1 else single_picture(listing)
 
 
-def are_a_pair(a: NDArray[Any], b: NDArray[Any]) -> bool:
-    """Whether two pictures of equal size show one scene from two positions side by side."""
-    greys = [plane_of(reduced(picture, _GLANCE_PX)) for picture in (a, b)]
-    if min(greys[0].shape) < 24 or min(float(grey.std()) for grey in greys) < 2:
-        return False
-    to_right, confirmed = returned_flow(*greys)
-    detail = textured(greys[0])
-    agreed = confirmed & (np.abs(to_right[..., 1]) < 1.5 + 0.1 * np.abs(to_right[..., 0]))
-    return bool(detail.any()) and float(agreed[detail].mean()) > _AGREED
-
-
 def _looks(path: Path) -> list[NDArray[Any]]:
     """The picture at path; of a video, a frame that shows something, and of its second stream."""
     if not path.name.lower().endswith(VIDEOS):
@@ -131,69 +74,51 @@ def _looks(path: Path) -> list[NDArray[Any]]:
     number, picture = telling_frame(path)
     if stream_count(path) > 1 and find_spec("av"):
         with suppress(UserError):  # a stream that is declared and not there
-            return [picture, Video(path, 1).read(number)]
+            return [picture, Video(path, 1).rgb(number)]
     return [picture]
 
 
 @lru_cache(maxsize=2)
-def _arrangement(path: Path) -> _Halves | None:
-    """The arrangement of the picture at path; None if it does not contain two views."""
+def _arrangement(path: Path) -> Halves | None:
+    """The arrangement of the picture at path: as the file states it, else as its name does, if its
+    halves are alike; None if it does not contain two views. Raises UserError.
+    """
     film = path.name.lower().endswith(VIDEOS)
+    text = words(path.name)
+    crossed, squeezed = bool(CROSSED.search(text)), bool(HALF.search(text))
     if not film and (descriptor := open_header(path).jps) is not None:
-        return _described(path, descriptor)
-    name = path.stem.lower().replace("_", " ")
-    crossed = bool(_CROSSED.search(name))
-    squeezed = bool(_HALF.search(name))
+        return described(path, descriptor)
+    if film and (stated := contained(path)):
+        named = {above for above, table in ((False, BESIDE), (True, ABOVE)) if table.search(text)}
+        other = named and (stated.above not in named or stated.crossed != crossed)
+        note = f"its name says otherwise: {stated.why}, which counts" if other else ""
+        return attrs.evolve(stated, squeezed=squeezed, note=note)
     why = "by name or format, the right eye's picture comes first"
     if path.suffix.lower() == ".jps":
-        return _Halves(above=False, squeezed=squeezed, crossed=True, why=why, mark=95)
+        return Halves(squeezed=squeezed, crossed=True, why=why)
     picture, *second = _looks(path)
     if second and second[0].shape == picture.shape and are_a_pair(picture, second[0]):
-        return _Halves(above=False, squeezed=False, crossed=False, why="", mark=55, streams=True)
+        return Halves(mark=55, streams=True)
     aspect = picture.shape[1] / picture.shape[0]
     for above, word, likely in (
-        (False, _BESIDE, aspect > 1.2),
-        (True, _ABOVE, aspect < 1.0),
+        (False, BESIDE, aspect > 1.2),
+        (True, ABOVE, aspect < 1.0),
     ):
-        named = bool(word.search(name))
-        if (named or likely) and are_a_pair(*halves(picture, above)):
-            begins = "the name states a format that begins with the left eye's picture" * named
-            return _Halves(
+        by_name = bool(word.search(text))
+        if (by_name or likely) and are_a_pair(*halves(picture, above)):
+            begins = "the name states a format that begins with the left eye's picture" * by_name
+            return Halves(
                 above=above,
                 squeezed=squeezed,
                 crossed=crossed,
                 why=why if crossed else begins,
                 # the halves of a mosaic are alike, too: unless the name says so, tiles come first
-                mark=65 if named else 55,
+                mark=65 if by_name else 55,
             )
     return None
 
 
-def _described(path: Path, descriptor: int) -> _Halves | None:
-    """The arrangement by the descriptor of a stereo JPEG; None if it is one view. Raises UserError
-    if the views cannot be taken apart.
-    """
-    kind, layout, flags = (descriptor >> shift & 0xFF for shift in (0, 8, 16))
-    if kind != _STEREO:
-        return None
-    if layout not in (_SIDE_BY_SIDE, _OVER_UNDER):
-        raise UserError(
-            f"{path}: its descriptor says that the pictures of both eyes are interleaved or"
-            " overlaid",
-            "export them side by side, or as two files x_left.png and x_right.png",
-        )
-    above = layout == _OVER_UNDER
-    first = "left" if flags & _LEFT_FIRST else "right"
-    return _Halves(
-        above=above,
-        squeezed=not above and bool(flags & _HALF_WIDTH),
-        crossed=first == "right",
-        why=f"its descriptor says that the {first} eye's picture comes first",
-        mark=95,
-    )
-
-
-def _eyes(picture: NDArray[Any], arrangement: _Halves) -> list[NDArray[Any]]:
+def _eyes(picture: NDArray[Any], arrangement: Halves) -> list[NDArray[Any]]:
     """The two views of a picture."""
     views = [np.ascontiguousarray(view) for view in halves(picture, arrangement.above)]
     if not arrangement.squeezed:
@@ -206,31 +131,33 @@ def _eyes(picture: NDArray[Any], arrangement: _Halves) -> list[NDArray[Any]]:
 
 
 def _filmed(
-    path: Path, arrangement: _Halves
+    path: Path, arrangement: Halves
 ) -> tuple[Callable[[int], NDArray[Any]], dict[str, Any]]:
     """(both views by frame, fields of SceneSource) of a video. Raises UserError."""
     video = Video(path)
     both = [video, Video(path, 1)] if arrangement.streams else [video]
 
     def load(frame: int) -> NDArray[Any]:
-        pictures = [one.read(frame) for one in both]
+        pictures = [one.rgb(frame) for one in both]
         return np.stack(pictures if arrangement.streams else _eyes(pictures[0], arrangement))
 
     return last_picture(load), {
         "frames": min(one.frames for one in both),
-        "frame_rate_hz": video.rate_hz,
+        "frame_rate_hz": video.rate_hz or USUAL_RATE_HZ,
         "telling": telling_frame(path)[0],
-        "notes": () if arrangement.streams else tuple(second_stream(path)),
+        "notes": (
+            *filter(None, [arrangement.note]),
+            *(() if arrangement.streams else second_stream(path)),
+        ),
     }
 
 
 def detect(listing: Listing) -> int | None:
     if pairs := _pairs(listing):
         paired = {name for pair in pairs for name in pair}
-        others = [
-            name for name in listing.pictures() if name not in paired and not MAPS.search(name)
-        ]
-        if not others or Path(pairs[0][0]).stem.lower() in _NUMBERED or "/" in pairs[0][0]:
+        others = [name for name in listing.pictures() if name not in paired and not is_map(name)]
+        numbered = words(pairs[0][0]).strip() in NUMBERED_PAIRS
+        if not others or numbered or "/" in pairs[0][0]:
             return 85
         return 55  # left and right take precedence over rows and columns
     path = _alone(listing)
