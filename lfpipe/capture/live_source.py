@@ -10,9 +10,9 @@ import re
 
 import attrs
 
-from lfpipe.capture.open_source import camera_name, definite_name, probe_source
+from lfpipe.capture.open_source import camera_name, definite_name, live_camera, probe_source
 from lfpipe.capture.spec import LIVE, RingKind, RowKind, SourceKind, parse_source
-from lfpipe.config import Camera, Config, LiveSource
+from lfpipe.config import Config, LiveSource
 from lfpipe.config.user_files import measured_placement
 from lfpipe.errors import UserError
 from lfpipe.live.shared_scene import attached, two_cameras
@@ -22,13 +22,6 @@ LAYOUTS = {"side-by-side": ((1, 2), 2), "over-under": ((1, 2), 1)}  # grid, tile
 WIDE = 2.2  # width over height of a frame, from which it holds two views side by side
 SMALLEST_PX = 48  # of a view
 OWN = ("layout", "grid", "size")  # parameters; others are the source's
-
-
-def live_camera(config: Config, frame_px: tuple[int, int]) -> Camera:
-    """[camera] for frames of a live light field, which no setting turns."""
-    return attrs.evolve(
-        config.camera, width_px=frame_px[0], height_px=frame_px[1], rotate=0, mirror=False
-    )
 
 
 def check_live(text: str, config: Config) -> LiveSource:

@@ -47,6 +47,13 @@ def camera_settings(settings: config.Config) -> config.Camera:
     return attrs.evolve(camera, rate_hz=camera.nominal_hz) if slow else camera
 
 
+def live_camera(settings: config.Config, frame_px: tuple[int, int]) -> config.Camera:
+    """[camera] for frames of a live light field, which no setting turns."""
+    return attrs.evolve(
+        settings.camera, width_px=frame_px[0], height_px=frame_px[1], rotate=0, mirror=False
+    )
+
+
 @blaming(IN_USE)
 def open_source(text: str, camera: config.Camera, reconnect: bool = False) -> FrameSource:
     """Opens the source that text names, in one of `spec.forms`, or the first camera for an empty

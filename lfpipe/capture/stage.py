@@ -1,8 +1,9 @@
-"""Capture: frames of a camera, a file or the demo into the ring.
+"""Capture: frames of a camera, a file or the demo into the ring. Views: the frames of a live light
+field, with all its views.
 
-Reads: the source in option "source".
-Writes: ring "frames", one slot per frame, decoded in place; recordings, by the original JPEGs where
-there are any.
+Reads: the source in option "source"; for views, in option "live".
+Writes: ring "frames" or "views", one slot per frame, decoded in place; recordings of frames, by the
+original JPEGs where there are any.
 Commands: record, stop; pause and resume by configuration: a recording stands still, and a camera is
 read once a second, its frames dropped. While nobody looks, eight frames a second are published, and
 a camera is read as often.
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.capture.frame_source import Frame
-from lfpipe.capture.open_source import camera_settings, check_source, open_source
+from lfpipe.capture.open_source import camera_settings, check_source, live_camera, open_source
 from lfpipe.capture.reconnecting_camera import CameraLost
 from lfpipe.capture.schedule import Lateness
 from lfpipe.config import Camera
@@ -271,6 +272,12 @@ class CaptureStage:
 
 def main(context: Context) -> None:
     """Runs the stage until it is stopped or the source ends."""
+    if context.spec.name == "views" and (live := context.options.live) is not None:
+        run(
+            CaptureStage(context, live.source, live_camera(context.config, live.frame_px), "views"),
+            context,
+        )
+        return
     camera = camera_settings(context.config)
     source = context.options.viewer.source
     if context.spec.request:  # another viewer, while the session runs

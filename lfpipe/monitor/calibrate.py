@@ -6,8 +6,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.capture.live_source import live_camera
-from lfpipe.capture.open_source import open_source
+from lfpipe.capture.open_source import live_camera, open_source
 from lfpipe.config import Config, LiveSource, Placement
 from lfpipe.errors import UserError
 from lfpipe.live.alignment import FAST_FRAMES

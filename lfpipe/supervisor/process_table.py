@@ -59,7 +59,7 @@ STAGES: tuple[Stage, ...] = (
     # of a live light field
     Stage(
         name="views",
-        module="lfpipe.capture.views_stage",
+        module="lfpipe.capture.stage",
         needed=lambda options: options.live is not None,
         writes=("views",),
         metrics=CAPTURE_METRICS,
