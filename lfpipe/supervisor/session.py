@@ -56,9 +56,7 @@ IDLE_NS = 10 * SECOND_NS  # longer than a viewer turns away or leans out
 ASKED_OFTEN = ("hello", "status", "pictures")  # requests that change nothing
 SHOWN_TOPICS = ("source", "notice")  # telemetry for people
 LOGGED_TOPICS = ("parallax",)  # it changes with the viewer's distance
-# of telemetry: more lines than a person reads, also when every stage has restarted at once
-MAX_LINES, LINES_NS = 20, SECOND_NS
-MAX_LINE = 2000  # characters; a line of ours has some hundred
+MAX_LINE = 2000  # characters of telemetry; a line of ours has some hundred
 REDUCED = "CPU overloaded: picture quality reduced (`lfpipe monitor` shows how and why)"
 RECORDER_ENDED = "the recorder stopped early and nothing else was running"
 INTERNAL = {
@@ -128,7 +126,6 @@ class LiveSession:
         self._reduced = False  # whether the user knows
         self._faults: list[Fault] = []  # the last ones
         self._ended: deque[tuple[StageProcess, int]] = deque()  # failed, not handled yet
-        self._lines = self._lines_ns = 0  # of telemetry since then
         self._active_ns = 0  # when somebody looked
         self._end_ns: int | None = None  # of the duration, once all stages are ready
         self._outcome: Outcome | None = None
@@ -405,10 +402,6 @@ class LiveSession:
 
     def _take_messages(self) -> None:
         """Handles the requests and telemetry that have arrived."""
-        t_ns = now_ns()
-        if t_ns > self._lines_ns + LINES_NS:
-            self._lines_ns = t_ns
-            self._lines = 0
         for arrived in self._sockets.arrived():
             if isinstance(arrived, Request):
                 self._respond(arrived, partial(self._reply, arrived))
@@ -424,9 +417,7 @@ class LiveSession:
             if message["topic"] in LOGGED_TOPICS:
                 logger.info("%.500s", text)
                 continue
-            self._lines += 1
-            if self._lines <= MAX_LINES:
-                self.notify(plain(text, MAX_LINE))
+            self.notify(plain(text, MAX_LINE))
 
     def _reply(self, request: Request) -> Reply:
         request.decode()

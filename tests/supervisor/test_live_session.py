@@ -19,7 +19,7 @@ from lfpipe.errors import UserError
 from lfpipe.host import signals
 from lfpipe.supervisor import requests, session, stage_process
 from lfpipe.supervisor.child import EXIT_USER, crash_report_path
-from lfpipe.supervisor.session import IDLE_NS, INTERNAL, MAX_LINES, LiveSession, Outcome
+from lfpipe.supervisor.session import IDLE_NS, INTERNAL, LiveSession, Outcome
 from lfpipe.supervisor.session_state import TRIAL_NS
 from lfpipe.supervisor.stage_process import DRAIN_NS, MAX_FAILURES
 from lfpipe.transport import control
@@ -388,20 +388,6 @@ def test_an_answer_says_whether_the_stages_have_applied_a_change(play: Play) -> 
         played.ends(1, "track", applied=False)
         assert exchange(played, client, cmd="stop")["ok"]
     assert played.outcome().reason == "stopped by command"
-
-
-def test_a_flood_of_notices_is_cut_short(play: Play) -> None:
-    played = play()
-    with connected(played.dir, zmq.PUSH, "bus") as bus:
-        for number in range(3 * MAX_LINES):
-            bus.send(control.encode({"topic": "notice", "text": f"notice {number}"}))
-        played.until(lambda: len(played.said) >= MAX_LINES)
-        for _ in range(20):
-            played.live.step()
-        assert len(played.said) == MAX_LINES
-        played.t_ns += 2 * SECOND_NS
-        bus.send(control.encode({"topic": "notice", "text": "later"}))
-        played.until(lambda: "later" in played.said)
 
 
 def test_files_that_are_removed_end_the_session(play: Play) -> None:
