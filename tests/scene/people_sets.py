@@ -10,6 +10,7 @@ from typing import Any
 
 import attrs
 import cv2
+import h5py
 import numpy as np
 
 from lfpipe import config
@@ -170,6 +171,38 @@ def tum(folder: Path) -> Path:
         made.write(folder / "depth" / f"{1305031102.160407 + k / 30:.6f}.png", MILLIMETRES)
     (folder / "groundtruth.txt").write_text("x")
     return folder
+
+
+METRES = (MILLIMETRES / 1000).astype(np.float32)
+HOLES = np.random.default_rng(3).random(METRES.shape) < 0.3
+
+
+def holed(values: np.ndarray, hole: float) -> np.ndarray:
+    """A map in which a third of the values means that there is none."""
+    return np.where(HOLES, hole, values).astype(values.dtype)
+
+
+def with_map(name: str, values: np.ndarray) -> Make:
+    """A picture and its map, in a format of numbers."""
+
+    def make(folder: Path) -> Path:
+        made.write(folder / "x.png", PHOTO)
+        path = folder / name
+        if path.suffix == ".npy":
+            np.save(path, values)
+        elif path.suffix == ".npz":
+            np.savez(path, depth=values)
+        elif path.suffix == ".pfm":
+            head = f"Pf\n{values.shape[1]} {values.shape[0]}\n-1\n".encode()
+            path.write_bytes(head + values[::-1].astype("<f4").tobytes())
+        elif path.suffix == ".h5":
+            with h5py.File(path, "w") as file:
+                file["depth"] = values
+        else:
+            cv2.imwrite(str(path), values)
+        return folder
+
+    return make
 
 
 def sequence(left: str, right: str, name: str = "{:06d}.png") -> Make:
@@ -500,6 +533,102 @@ SETS: dict[str, list[PeopleSet]] = {
             files(dog_jpg=PHOTO, dog_depth_png=FLOOR_DEPTH, cat_jpg=PHOTO[::-1]),
             "rgbd 5x9",
             text="cat.jpg",
+        ),
+    ],
+    "maps of depth": [
+        *(
+            opens(name, with_map(name, values), "rgbd 5x9", sure=True, text=text)
+            for name, values, text in (
+                ("x_depth.npy", METRES, "as in distances"),
+                ("x_depth.npz", METRES, "as in distances"),
+                ("x_depth.pfm", METRES, "as in distances"),
+                ("x_depth.tiff", METRES, "as in distances"),
+                ("x_depth.h5", METRES, "as in distances"),
+                ("x_disp.npy", 60 / METRES, "white is near"),
+                ("xDisparity.png", (60 / METRES * 256).astype(np.uint16), "white is near"),
+            )
+        ),
+        *(
+            opens(f"{name}, {hole} is no value", with_map(name, holed(values, hole)), "rgbd 5x9")
+            for name, values, hole in (
+                ("x_depth.npy", METRES, np.nan),
+                ("x_depth.npy", METRES, np.inf),
+                ("x_depth.npy", METRES, -1),
+                ("x_depth.png", MILLIMETRES, 0),
+                ("x_depth.png", MILLIMETRES, 65535),
+                ("x_depth.png", FLOOR_DEPTH, 0),
+            )
+        ),
+        opens(
+            "float, as networks write it",
+            with_map("x_depth.npy", 1000 / METRES),
+            "rgbd 5x9",
+            sure=False,
+            text="near is large",
+        ),
+        opens(
+            "raw",
+            together(files(x_png=PHOTO), one("x_depth.raw", b"x")),
+            "picture 1x1",
+            text="not read: x_depth.raw",
+        ),
+        refuses(
+            "OpenEXR", together(files(x_png=PHOTO), one("x_depth.exr", b"x")), "OpenEXR", AS_DEPTH
+        ),
+    ],
+    "words of names": [
+        *(
+            opens(
+                f"{word}.jpg",
+                together(
+                    one(f"{word}.jpg", jpeg(PHOTO)), files(**{f"{word}_depth_png": MILLIMETRES})
+                ),
+                "rgbd 5x9",
+                sure=True,
+            )
+            for word in ("Segovia", "Maskenball", "difference", "Dispensary", "normandy")
+        ),
+        *(
+            opens(left, files(**{left: LEFT, right: RIGHT}), "stereo 1x2", sure=True)
+            for left, right in (
+                ("leftImg8bit_png", "rightImg8bit_png"),
+                ("roomLeft_png", "roomRight_png"),
+                ("img_L_png", "img_R_png"),
+            )
+        ),
+        *(
+            opens(
+                name,
+                together(numbered([PHOTO] * 4, name), numbered([MILLIMETRES] * 4, depth)),
+                "rgbd 5x9",
+                sure=False,
+            )
+            for name, depth in (
+                ("frame-{:06d}.color.png", "frame-{:06d}.depth.png"),
+                ("{:04d}_rgb.png", "{:04d}_depth.png"),
+                ("colorFrame{:03d}.png", "depthFrame{:03d}.png"),
+                ("a_{:03d}_color.png", "a_{:03d}_depth.png"),
+            )
+        ),
+    ],
+    "pairs of benchmarks": [
+        *(
+            opens(
+                f"{left}, {right}",
+                together(
+                    sequence(left, right, "{:06d}_10.png"),
+                    below(maps, numbered([MILLIMETRES] * 8, "{:06d}_10.png")),
+                ),
+                "stereo 1x2",
+                text=f"not used: {maps}/",
+            )
+            for left, right, maps in (
+                ("image_2", "image_3", "disp_occ_0"),
+                ("colored_0", "colored_1", "disp_noc"),
+                ("image_left", "image_right", "depth_left"),
+                ("leftImg8bit", "rightImg8bit", "disparity"),
+                ("final_left", "final_right", "occlusions"),
+            )
         ),
     ],
     "arrays": [

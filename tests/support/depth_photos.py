@@ -82,7 +82,7 @@ def gdepth(
     prefix: str = "GDepth",
 ) -> bytes:
     """A photograph with a depth map in its XMP, as before Android 10."""
-    fields = {"Mime": "image/png", **stated, "Data": base64.b64encode(depth).decode()}
+    fields = {"Mime": "image/png", "Data": base64.b64encode(depth).decode(), **stated}
     named = {f"{prefix}:{key}": value for key, value in fields.items()}
     space = f'xmlns:{prefix}="{GOOGLE}1.0/depthmap/" xmlns:o="{GOOGLE}1.0/image/" o:Data="x"'
     if apart:

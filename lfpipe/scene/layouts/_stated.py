@@ -38,12 +38,20 @@ _HALF_WIDTH, _LEFT_FIRST = 2, 4
 _CLUSTER, _STEREO_MODE = b"\x1f\x43\xb6\x75", re.compile(rb"\x53\xb8\x81(.)", re.DOTALL)
 # box of MP4 and QuickTime: its version and flags, then its value
 _ST3D, _STRI = (re.compile(name + rb".{4}(.)", re.DOTALL) for name in (b"st3d", b"stri"))
-# (one above the other, the right eye's first), by the value of each
-_MATROSKA = {1: (False, False), 2: (True, True), 3: (True, False), 11: (False, True)}
-_BOXED = {1: (True, False), 2: (False, False), 4: (False, True)}
-# by ffmpeg's names: lines and columns, with either eye first; others it does not read
-_INTERLEAVED = {6: "irr", 7: "irl", 8: "icr", 9: "icl"} | dict.fromkeys((4, 5, 13, 14), "")
-_CONTAINER = "its container"
+# (which arrangement, the right eye's picture first), by the value of each
+_MATROSKA = {
+    1: ("beside", False),
+    2: ("above", True),
+    3: ("above", False),
+    11: ("beside", True),
+    4: ("checks", True),
+    5: ("checks", False),
+    6: ("lines", True),
+    7: ("lines", False),
+    8: ("columns", True),
+    9: ("columns", False),
+}
+_BOXED = {1: ("above", False), 2: ("beside", False), 4: ("beside", True)}
 _REVERSED_EYES = 8  # of the box stri: the first layer is the right eye's
 
 
@@ -51,7 +59,9 @@ _REVERSED_EYES = 8  # of the box stri: the first layer is the right eye's
 class Halves:
     """The arrangement of two views in one picture."""
 
-    above: bool = False  # one above the other, else side by side
+    form: str = (
+        "beside"  # each other; or one above the other; or alternating lines, columns, checks
+    )
     squeezed: bool = False  # to half the width or height
     crossed: bool = False  # the right eye's picture comes first
     why: str = ""  # what says that, "" for nothing
@@ -123,7 +133,8 @@ def _coded_depth(data: bytes) -> tuple[bytes, dict[str, str]] | None:
         if key.startswith("depthmap:")
     }
     if "Data" in stated:
-        return base64.b64decode(stated["Data"]), stated
+        with contextlib.suppress(ValueError):  # damaged
+            return base64.b64decode(stated["Data"]), stated
     items = _items(records)
     for at, item in enumerate(items):
         uri = item.get("item:DataURI")
@@ -203,36 +214,27 @@ def described(path: Path, descriptor: int) -> Halves | None:
             " overlaid",
             "export them side by side, or as two files x_left.png and x_right.png",
         )
-    above, crossed = layout == _OVER_UNDER, not flags & _LEFT_FIRST
-    squeezed = not above and bool(flags & _HALF_WIDTH)
+    form, crossed = "above" if layout == _OVER_UNDER else "beside", not flags & _LEFT_FIRST
+    squeezed = form == "beside" and bool(flags & _HALF_WIDTH)
     return Halves(
-        above=above, squeezed=squeezed, crossed=crossed, why=_why("its descriptor", crossed)
+        form=form, squeezed=squeezed, crossed=crossed, why=_why("its descriptor", crossed)
     )
 
 
 def contained(path: Path) -> Halves | None:
-    """The arrangement that a film's container states; None if it states none. Raises UserError if
-    the views cannot be taken apart.
-    """
+    """The arrangement that a film's container states; None if it states none. Raises UserError."""
     start, end = film_ends(path)
     if start.startswith(b"\x1aE"):
         modes = [m[1][0] for m in _STEREO_MODE.finditer(start.partition(_CLUSTER)[0])]
-        if interleaved := [mode for mode in modes if mode in _INTERLEAVED]:
-            code = _INTERLEAVED[interleaved[0]]
-            command = f": `ffmpeg -i {path.name} -vf stereo3d={code}:sbsl {path.stem}_SBS.mkv`"
-            raise UserError(
-                f"{path}: its container says that the pictures of both eyes are interleaved",
-                f"convert it to side by side{command if code else ''}",
-            )
         found = next((_MATROSKA[mode] for mode in modes if mode in _MATROSKA), None)
     elif is_spatial(path):
         flags = _STRI.search(start + end)
         crossed = flags is not None and bool(flags[1][0] & _REVERSED_EYES)
-        return Halves(streams=True, crossed=crossed, why=_why(_CONTAINER, crossed))
+        return Halves(streams=True, crossed=crossed, why=_why("its container", crossed))
     else:
         boxes = [_BOXED.get(match[1][0]) for match in _ST3D.finditer(start + end)]
         found = next(filter(None, boxes), None)
-    return found and Halves(above=found[0], crossed=found[1], why=_why(_CONTAINER, found[1]))
+    return found and Halves(form=found[0], crossed=found[1], why=_why("its container", found[1]))
 
 
 def _why(what: str, crossed: bool) -> str:

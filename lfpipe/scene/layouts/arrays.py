@@ -31,6 +31,7 @@ from lfpipe.host.files import proc_fd_path
 from lfpipe.host.machine import install_command
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import coordinate_turn, require_grid, require_view
+from lfpipe.scene.layouts._names import is_map
 from lfpipe.scene.layouts.plenoptic import lit
 from lfpipe.scene.source import GridTransform, Layout, SceneSource
 
@@ -289,16 +290,17 @@ def _ordered_source(
     return _source(layout, path, listing, shape[:4], array.dtype, raw)
 
 
-def _matlab_array(path: Path) -> tuple[Any, list[str], bool]:
-    """The light field of a file, the names of its variables, and whether its axes are in reverse
-    order, as in HDF5. Raises UserError.
+def matlab_array(path: Path, *keys: str) -> tuple[Any, list[str], bool]:
+    """The first of these arrays of a file, or its first at all, the names of its variables, and
+    whether its axes are in reverse order, as in HDF5. Raises UserError.
     """
     import h5py
 
     with open_file(path) as file:
         if h5py.is_hdf5(proc_fd_path(file)):  # v7.3, after MATLAB's own header
             data = _hdf5(path)
-            return _hdf5_array(path, data, *_KEYS), _names(path, data), True
+            names = _names(path, data)
+            return _hdf5_array(path, data, *(keys or names)), names, True
         try:
             import scipy.io
         except ImportError:
@@ -309,12 +311,13 @@ def _matlab_array(path: Path) -> tuple[Any, list[str], bool]:
         with damage(path, "not a readable .mat file", "save it again, with -v7.3"):
             names = [name for name, _, _ in scipy.io.whosmat(file)]
             file.seek(0)
-            arrays = scipy.io.loadmat(file, variable_names=_KEYS)
-    return next((np.asarray(arrays[key]) for key in _KEYS if key in arrays), None), names, False
+            keys = keys or tuple(names)
+            arrays = scipy.io.loadmat(file, variable_names=keys)
+    return next((np.asarray(arrays[key]) for key in keys if key in arrays), None), names, False
 
 
 def _matlab_source(listing: Listing, path: Path) -> SceneSource:
-    array, names, reverse = _matlab_array(path)
+    array, names, reverse = matlab_array(path, *_KEYS)
     source = lit(_ordered_source("mat", listing, path, array, names, reverse))
     if not {"LFMetadata", "DecodeOptions", "RectOptions", "WhiteImageMetadata"} & set(names):
         return source
@@ -381,7 +384,8 @@ def _layout(
         names = [
             file
             for file in listing.names
-            if file.lower().endswith(ends) and (listing.is_file or ends[0] != ".npy")
+            if file.lower().endswith(ends)
+            and (listing.is_file or (ends[0] != ".npy" and not is_map(file)))
         ]
         names = ["lf.h5"] if "lf.h5" in names else names
         return listing.file(names[0]) if len(names) == 1 else None

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.untrusted import json_fields
-from lfpipe.scene.files import MAX_FILES, Listing, read_bytes
+from lfpipe.scene.files import MAX_FILES, Listing, read_bytes, stem_of
 from lfpipe.scene.layouts._folders import subfolders
 from lfpipe.scene.layouts._grid import FULL, placed_views, some
 from lfpipe.scene.layouts._names import is_map
@@ -63,23 +63,24 @@ def _below(listing: Listing, deepest: int = 2) -> Iterator[str]:
 
 
 def _pictures(listing: Listing, stated: Iterable[str]) -> dict[str, str]:
-    """The stated path of each picture that has one. Paths may be those of another machine, or lack
-    an ending: of pictures with that name, the one whose folders agree.
+    """The stated path of each picture that has one. Paths may be those of another machine, with
+    another ending or none: of pictures with that name, the one whose folders agree.
     """
-    by_name: dict[str, list[str]] = {}
+    by_stem: dict[str, list[str]] = {}
     for name in _below(listing):
-        last = name.rpartition("/")[2]
-        for end in {last, last.rpartition(".")[0]}:
-            by_name.setdefault(end, []).append(name)
+        by_stem.setdefault(stem_of(name.rpartition("/")[2]).lower(), []).append(name)
     found = {}
     for path in stated:
         *folders, last = path.split("/")
 
-        def alike(name: str, folders: list[str] = folders) -> tuple[int, bool]:
+        def alike(
+            name: str, folders: list[str] = folders, last: str = last
+        ) -> tuple[int, bool, bool]:
             ends = zip(name.split("/")[-2::-1], folders[::-1], strict=False)
-            return len([*takewhile(lambda both: both[0] == both[1], ends)]), not is_map(name)
+            same = len([*takewhile(lambda both: both[0] == both[1], ends)])
+            return same, not is_map(name), name.endswith(last)
 
-        if names := by_name.get(last):
+        if names := by_stem.get(stem_of(last).lower()):
             found[max(names, key=alike)] = path
     return found
 

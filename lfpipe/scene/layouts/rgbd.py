@@ -33,12 +33,13 @@ from lfpipe.scene.layouts._names import (
 )
 from lfpipe.scene.layouts._stated import embedded_depth
 from lfpipe.scene.layouts._tiles import halves, require_picture, single_picture
-from lfpipe.scene.layouts.arrays import damage
+from lfpipe.scene.layouts.arrays import damage, matlab_array
 from lfpipe.scene.missing_views import nearest, warped_disparity, warped_view
 from lfpipe.scene.source import GridTransform, SceneSource
 
 NAME = "rgbd"
-MAP_ENDS = (".npy", ".npz", ".pfm", ".exr")  # of maps that are no pictures
+HDF5 = (".mat", ".h5", ".hdf5")
+MAP_ENDS = (".npy", ".npz", ".pfm", ".exr", *HDF5)  # of maps that are no pictures
 _MAX_PX = 700_000  # of the rendered views: 45 of them are packed in ten seconds
 _SAME_SHAPE = 1.2  # maximum ratio of the aspects of a picture and its depth map
 COLOURED = 6.0  # levels between channels: fewer in a depth map, more in a picture
@@ -83,7 +84,7 @@ def read_depth(
         return known, "white is near", ""
     if stored.dtype.itemsize > 1 and not _stretched(stored):
         if stored.dtype.kind != "f":
-            known[stored == np.iinfo(stored.dtype).max] = np.nan
+            known[stored == _full(stored)] = np.nan
         near = np.asarray(1 / known, np.float32)
         against = _lower_is_nearer(near) < -LOWER
         if against and stored.dtype.kind == "f":  # as networks write it
@@ -95,8 +96,9 @@ def read_depth(
             "near is small in the depth map, as in distances; 0 was not measured",
             f"{doubt}; {_LEFT_OPEN}" if against else "",
         )
-    if _scattered(stored == 0):
-        values = known
+    for hole in (0, _full(stored)):
+        if _scattered(stored == hole):
+            values = known = np.where(stored == hole, np.float32(np.nan), known)
     lower = _lower_is_nearer(values)
     if lower < -LOWER:
         what = f"whether black is near in the depth map: lower parts are darker; {_LEFT_OPEN}"
@@ -115,10 +117,14 @@ def _stretched(stored: NDArray[Any]) -> bool:
     """Whether a map uses its whole range of values, which distances do not. A full value far above
     all others means that they were too far.
     """
-    full = 1.0 if stored.dtype.kind == "f" else float(np.iinfo(stored.dtype).max)
+    full = _full(stored)
     inner = stored[(stored > 0) & (stored < full)]
     ends = float(np.nanmin(stored)) == 0 and float(np.nanmax(stored)) == full
-    return ends and inner.size > 0 and float(inner.max()) > 0.9 * full
+    return ends and inner.size > 0 and float(inner.max()) > 0.25 * full
+
+
+def _full(stored: NDArray[Any]) -> float:
+    return 1.0 if stored.dtype.kind == "f" else float(np.iinfo(stored.dtype).max)
 
 
 def _lower_is_nearer(nearness: NDArray[np.float32]) -> float:
@@ -167,6 +173,9 @@ def read_map(path: Path) -> NDArray[Any]:
             values = stored if ending == ".npy" else stored[stored.files[0]]
     elif ending == ".pfm":
         values = read_pfm(path)
+    elif ending in HDF5:
+        values, _, reverse = matlab_array(path)
+        values = np.asarray(values).T if reverse and ending == ".mat" else values
     elif ending in (".tif", ".tiff", ".exr"):  # floats, which are no picture
         with open_file(path) as file:
             values = cv2.imread(proc_fd_path(file), cv2.IMREAD_UNCHANGED)
@@ -181,7 +190,7 @@ def read_map(path: Path) -> NDArray[Any]:
                 f"{path}: the depth map has false colours",
                 "save it in grey, with near parts white",
             )
-    values = np.squeeze(values)
+    values = np.squeeze(np.asarray(values))
     values = values[..., min(1, values.shape[2] - 1)] if values.ndim == 3 else values
     if values.ndim != 2 or values.dtype.kind not in "uif":
         raise UserError(

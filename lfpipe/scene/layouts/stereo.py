@@ -48,6 +48,7 @@ from lfpipe.scene.source import GridTransform, SceneSource
 from lfpipe.scene.video import USUAL_RATE_HZ, Video, second_stream, stream_count, telling_frame
 
 NAME = "stereo"
+WORDS = {"beside": BESIDE, "above": ABOVE}  # of the arrangements that names state
 
 
 def _pairs(listing: Listing) -> list[tuple[str, str]]:
@@ -89,8 +90,8 @@ def _arrangement(path: Path) -> Halves | None:
     if not film and (descriptor := open_header(path).jps) is not None:
         return described(path, descriptor)
     if film and (stated := contained(path)):
-        named = {above for above, table in ((False, BESIDE), (True, ABOVE)) if table.search(text)}
-        other = named and (stated.above not in named or stated.crossed != crossed)
+        named = {form for form, table in WORDS.items() if table.search(text)}
+        other = named and (stated.form not in named or stated.crossed != crossed)
         note = f"its name says otherwise: {stated.why}, which counts" if other else ""
         return attrs.evolve(stated, squeezed=squeezed, note=note)
     why = "by name or format, the right eye's picture comes first"
@@ -100,15 +101,12 @@ def _arrangement(path: Path) -> Halves | None:
     if second and second[0].shape == picture.shape and are_a_pair(picture, second[0]):
         return Halves(mark=55, streams=True)
     aspect = picture.shape[1] / picture.shape[0]
-    for above, word, likely in (
-        (False, BESIDE, aspect > 1.2),
-        (True, ABOVE, aspect < 1.0),
-    ):
-        by_name = bool(word.search(text))
-        if (by_name or likely) and are_a_pair(*halves(picture, above)):
+    for form, likely in (("beside", aspect > 1.2), ("above", aspect < 1.0)):
+        by_name = bool(WORDS[form].search(text))
+        if (by_name or likely) and are_a_pair(*halves(picture, form == "above")):
             begins = "the name states a format that begins with the left eye's picture" * by_name
             return Halves(
-                above=above,
+                form=form,
                 squeezed=squeezed,
                 crossed=crossed,
                 why=why if crossed else begins,
@@ -120,10 +118,16 @@ def _arrangement(path: Path) -> Halves | None:
 
 def _eyes(picture: NDArray[Any], arrangement: Halves) -> list[NDArray[Any]]:
     """The two views of a picture."""
-    views = [np.ascontiguousarray(view) for view in halves(picture, arrangement.above)]
-    if not arrangement.squeezed:
-        return views
-    x, y = (1, 2) if arrangement.above else (2, 1)
+    form = arrangement.form
+    lines = picture[::2]
+    views = {
+        "lines": (lines, picture[1::2]),
+        "columns": (picture[:, ::2], picture[:, 1::2]),
+        "checks": (lines[:, ::2], lines[:, 1::2]),
+    }.get(form) or halves(picture, form == "above")
+    if form == "checks" or (form in WORDS and not arrangement.squeezed):
+        return [np.ascontiguousarray(view) for view in views]
+    x, y = (1, 2) if form in ("above", "lines") else (2, 1)
     return [
         np.asarray(cv2.resize(view, None, fx=x, fy=y, interpolation=cv2.INTER_LINEAR))
         for view in views
