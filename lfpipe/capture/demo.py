@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.capture.frame_source import Frame, SourceInfo
-from lfpipe.capture.schedule import Schedule
+from lfpipe.capture.recordings import Schedule
 from lfpipe.errors import UserError
 
 PORTRAIT = Path(__file__).with_name("portrait.jpg")  # in the public domain: portrait.md

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from lfpipe.capture.frame_source import Frame
 from lfpipe.capture.open_source import camera_settings, check_source, live_camera, open_source
 from lfpipe.capture.reconnecting_camera import CameraLost
-from lfpipe.capture.schedule import Lateness
+from lfpipe.capture.recordings import Lateness
 from lfpipe.config import Camera
 from lfpipe.config.modes import Lossless, RecordedEyes
 from lfpipe.errors import UserError

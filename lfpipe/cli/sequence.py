@@ -16,8 +16,7 @@ import click
 import numpy as np
 
 from lfpipe.capture.open_source import camera_name, camera_settings, check_source, clock_of
-from lfpipe.capture.recordings import open_recording
-from lfpipe.capture.schedule import STAMP_ROUNDING_NS, Schedule
+from lfpipe.capture.recordings import STAMP_ROUNDING_NS, Schedule, open_recording
 from lfpipe.cli.launch import exit_code
 from lfpipe.cli.options import CAMERA, DURATION, PATH, Number, with_config
 from lfpipe.cli.plugged import Group

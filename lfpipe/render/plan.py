@@ -18,9 +18,8 @@ from lfpipe.render.synthesis.compositor import (
     planes_of_eyes,
     settings_for_scene,
 )
-from lfpipe.render.synthesis.costs import measure_costs
 from lfpipe.render.synthesis.scene_views import stored_channels
-from lfpipe.render.synthesis.scoring import SCREEN_PX
+from lfpipe.render.synthesis.scoring import SCREEN_PX, measure_costs
 from lfpipe.render.viewer.geometry import alpha_is_automatic
 from lfpipe.scene.lightfield import LightField
 

@@ -43,10 +43,9 @@ from lfpipe.host.processes import run_on
 from lfpipe.host.wake import readable
 from lfpipe.plugins import IN_USE, blaming
 from lfpipe.render.choice import DisplayTime, EyesSource
-from lfpipe.render.display.display import Display
+from lfpipe.render.display.display import Display, Pointer
 from lfpipe.render.display.file_display import save
 from lfpipe.render.display.open_display import open_display
-from lfpipe.render.display.overlay import Pointer
 from lfpipe.render.display.refresh import Refresh, ScreenRefresh
 from lfpipe.render.listeners.live_row import LiveRow
 from lfpipe.render.listeners.motion_latency import MotionLatencyRow
@@ -57,12 +56,10 @@ from lfpipe.render.listeners.status_row import StatusRow
 from lfpipe.render.listeners.tap_messages import TapMessages
 from lfpipe.render.listeners.trace import Trace
 from lfpipe.render.live_input import LiveInput
-from lfpipe.render.presentation import Listener
-from lfpipe.render.presenter import Presenter
-from lfpipe.render.synthesis.costs import measure_costs
+from lfpipe.render.presenter import Listener, Presenter
 from lfpipe.render.synthesis.painter import Painters, open_painters
-from lfpipe.render.ui.actions import ACTIONS
-from lfpipe.render.ui.controller import Ui
+from lfpipe.render.synthesis.scoring import measure_costs
+from lfpipe.render.ui.controller import ACTIONS, Ui
 from lfpipe.render.ui.files import Files
 from lfpipe.render.viewer.mouse_look import MouseLook
 from lfpipe.render.viewer.presence import ViewerState

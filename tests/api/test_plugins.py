@@ -72,7 +72,7 @@ NEVER = """
 import os
 import sys
 
-from lfpipe.render.display.overlay import Pointer
+from lfpipe.render.display.display import Pointer
 
 class Engine:
     name, model, rotated_deg = "never", "none", 0

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.capture.schedule import STAMP_ROUNDING_NS, Lateness, Schedule
+from lfpipe.capture.recordings import STAMP_ROUNDING_NS, Lateness, Schedule
 
 MS = 1_000_000
 

@@ -10,7 +10,7 @@ import pytest
 
 from lfpipe.config import Config
 from lfpipe.eyes import EYES, EyesRecord
-from lfpipe.render.display.overlay import Pointer
+from lfpipe.render.display.display import Pointer
 from lfpipe.render.viewer.mouse_look import MouseLook
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.sequence.folder import open_sequence

@@ -11,16 +11,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.render.display.overlay import NO_EVENT, Event, Item, Menu, Overlay
+from lfpipe.render.display.display import NO_EVENT, Event, Item, Menu, Overlay
 from lfpipe.render.display.window import TEXT_PX
 from lfpipe.render.display.window_system import font
 from lfpipe.render.ui import overlay_view
 from lfpipe.render.ui.calibration import Distance, calibration_page
 from lfpipe.render.ui.folders import folder_menu
-from lfpipe.render.ui.glasses import glasses_menu
 from lfpipe.render.ui.keys import ACTION_OF, DEPTH, HELP, KEYS, bar_items
 from lfpipe.render.ui.look import NO_HIGHLIGHT
 from lfpipe.render.ui.overlay_view import EDGE_PX, ItemPanel, OverlayView, bar_panel, menu_panel
+from lfpipe.render.ui.pages import glasses_menu
 from tests.display.test_window import GREY, becomes, pressed, window  # noqa: F401  (fixture)
 from tests.support.examples import examples
 

@@ -5,13 +5,13 @@ another entry of the bar; a recording is shown as long as it runs.
 import tomllib
 
 from lfpipe.config import Render
-from lfpipe.render.display.overlay import Overlay
+from lfpipe.render.display.display import Overlay
 from lfpipe.render.display.window import TEXT_PX
 from lfpipe.render.display.window_system import pygame
-from lfpipe.render.ui.glasses import glasses_menu, instructions
 from lfpipe.render.ui.keys import HELP
 from lfpipe.render.ui.look import RED
 from lfpipe.render.ui.overlay_view import ItemPanel, menu_panel, text_panel
+from lfpipe.render.ui.pages import glasses_menu, instructions
 from tests.support.finger import Finger
 from tests.support.world import World, write_scene
 from tests.support.xvfb_screen import Screen, needs_xdotool, outline

@@ -13,9 +13,8 @@ import numpy as np
 import pygame
 import pytest
 
-from lfpipe.render.display.display import Display
+from lfpipe.render.display.display import Display, Item, Menu, Overlay
 from lfpipe.render.display.open_display import HINT, open_display, parse_display
-from lfpipe.render.display.overlay import Item, Menu, Overlay
 from lfpipe.render.display.window import ScreenWindow
 from lfpipe.render.ui.keys import ACTION_OF, HELP, KEYS
 from lfpipe.render.ui.overlay_view import OverlayView

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from lfpipe.config.user_files import check_focal, write_keys
 from lfpipe.errors import UserError
-from lfpipe.render.display.overlay import Event
+from lfpipe.render.display.display import Event
 from lfpipe.render.ui.calibration import (
     MEASURED_FRAMES,
     NEAREST_MM,

@@ -15,7 +15,7 @@ from lfpipe.render.synthesis.anaglyph import (
     recipe,
 )
 from lfpipe.render.ui import notices
-from lfpipe.render.ui.glasses import KINDS
+from lfpipe.render.ui.pages import KINDS
 
 GLASSES = sorted(MATRICES)
 CROSSED = [name for name in GLASSES if name.startswith("dubois")]

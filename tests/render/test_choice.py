@@ -4,7 +4,7 @@ import pytest
 
 from lfpipe.config import Config
 from lfpipe.render.choice import DisplayTime, EyesSource, choose
-from lfpipe.render.display.overlay import Pointer
+from lfpipe.render.display.display import Pointer
 from lfpipe.render.viewer.mouse_look import MouseLook
 from lfpipe.transport.ring import Stamp
 from tests.render.rendered import S, record, viewer

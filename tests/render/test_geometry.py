@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from lfpipe.config import Config, updated
 from lfpipe.config.camera_pose import camera_focal_px
-from lfpipe.render.synthesis.zero_plane import PLANES, zero_planes_px
+from lfpipe.render.synthesis.viewpoint import PLANES, zero_planes_px
 from lfpipe.render.viewer.geometry import Parallax, parallax
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.source import Geometry

@@ -23,7 +23,7 @@ from lfpipe.render.listeners.status_row import StatusRow
 from lfpipe.render.listeners.tap_messages import TapMessages
 from lfpipe.render.listeners.trace import Trace, trace_line
 from lfpipe.render.metrics import METRICS
-from lfpipe.render.presentation import REPLACED, Presentation
+from lfpipe.render.presenter import REPLACED, Presentation
 from lfpipe.render.stage import RenderStage
 from lfpipe.render.viewer.presence import ViewerState
 from lfpipe.transport import ring

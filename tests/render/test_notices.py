@@ -13,8 +13,8 @@ from lfpipe.config.modes import Window
 from lfpipe.config.tree import Anaglyph
 from lfpipe.render.synthesis.anaglyph import MATRICES
 from lfpipe.render.ui.files import Files
-from lfpipe.render.ui.glasses import glasses_test
 from lfpipe.render.ui.notices import SHOWN_NS, ChangeNotices, Notices
+from lfpipe.render.ui.pages import glasses_test
 from lfpipe.render.ui.recording import RecordingIndicator
 from lfpipe.render.ui.scenes import SceneLoader
 from lfpipe.scene.lightfield import HARDLY_FIT, Manifest

@@ -10,11 +10,9 @@ from lfpipe.host.presentation import Presented
 from lfpipe.render.choice import DisplayTime, EyesSource
 from lfpipe.render.display.display import Display
 from lfpipe.render.display.refresh import Refresh, ScreenRefresh
-from lfpipe.render.presentation import HANDOVER, REPLACED, Presentation
-from lfpipe.render.presenter import Presenter
+from lfpipe.render.presenter import HANDOVER, REPLACED, Presentation, Presenter
 from lfpipe.render.synthesis.pair_layout import Pair
-from lfpipe.render.ui.glasses import glasses_test
-from lfpipe.render.ui.pages import draw_glasses_test
+from lfpipe.render.ui.pages import draw_glasses_test, glasses_test
 from lfpipe.render.viewer.mouse_look import MouseLook
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.ring import Stamp

@@ -19,7 +19,7 @@ from lfpipe.render.display.refresh import (
     ScreenClock,
     ScreenRefresh,
 )
-from lfpipe.render.presentation import ANSWER_NS, HANDOVER, REPLACED, Presentation, take_known
+from lfpipe.render.presenter import ANSWER_NS, HANDOVER, REPLACED, Presentation, take_known
 from tests.render import rendered
 from tests.render.simulated_screen import SimulatedScreen, shown
 

@@ -5,7 +5,7 @@ import functools
 import attrs
 from pygame import surfarray
 
-from lfpipe.render.display.overlay import Event
+from lfpipe.render.display.display import Event
 from lfpipe.render.display.window import letters_px
 from lfpipe.render.ui.keys import bar_items
 from lfpipe.render.ui.look import NO_HIGHLIGHT

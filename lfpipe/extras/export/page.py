@@ -26,9 +26,8 @@ from lfpipe.files.output import write_output
 from lfpipe.render.synthesis.cameras import Cameras
 from lfpipe.render.synthesis.compositor import ViewRenderer, method_for, recipe_for
 from lfpipe.render.synthesis.scene_views import SceneViews, reduced
-from lfpipe.render.synthesis.viewpoint import COL_FADE, ROW_FADE
+from lfpipe.render.synthesis.viewpoint import COL_FADE, ROW_FADE, zero_plane_px
 from lfpipe.render.synthesis.warper import ZERO, Levels
-from lfpipe.render.synthesis.zero_plane import zero_plane_px
 from lfpipe.render.viewer.geometry import parallax
 from lfpipe.scene.lightfield import UNKNOWN, LightField
 

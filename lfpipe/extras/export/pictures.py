@@ -26,7 +26,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.safe_files import replaced
 from lfpipe.files.video_writer import VideoWriter, require_encoder, write_error
 from lfpipe.render.synthesis.compositor import ViewRenderer
-from lfpipe.render.synthesis.zero_plane import zero_plane_px
+from lfpipe.render.synthesis.viewpoint import zero_plane_px
 from lfpipe.render.viewer.geometry import parallax
 from lfpipe.scene.lightfield import LightField
 

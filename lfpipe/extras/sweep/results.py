@@ -16,7 +16,7 @@ from lfpipe.extras.sweep.plan import Cell
 from lfpipe.files.output import check_output, write_output
 from lfpipe.files.safe_files import LineFile, reason
 from lfpipe.host.files import exists
-from lfpipe.replays.junit import Kind, TestCase, junit
+from lfpipe.replays.report import Kind, TestCase, junit
 
 OK, DIFFERS, FAILED, LEFT_OUT = "ok", "differs", "failed", "left out"
 DONE = (OK, DIFFERS, LEFT_OUT)  # not measured again

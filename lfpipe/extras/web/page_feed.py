@@ -24,7 +24,7 @@ from lfpipe.config.modes import MouseViewer
 from lfpipe.errors import UserError
 from lfpipe.monitor.monitor import PERIOD_S, photon_words
 from lfpipe.monitor.session_reader import Follower, Sample
-from lfpipe.render.synthesis.zero_plane import zero_planes_px
+from lfpipe.render.synthesis.viewpoint import zero_planes_px
 from lfpipe.supervisor.process_table import TRACKED_BY
 from lfpipe.supervisor.rundir import ask
 from lfpipe.transport import control, ring

@@ -3,7 +3,7 @@ viewpoints for the stage that measures disparity and for the program that draws 
 """
 
 from lfpipe.render.live_input import LiveInput
-from lfpipe.render.presentation import REPLACED, Listener, Presentation
+from lfpipe.render.presenter import REPLACED, Listener, Presentation
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.transport.ring_io import RingOutput
 from lfpipe.transport.status import Row

@@ -12,7 +12,7 @@ from collections import deque
 from typing import NamedTuple
 
 from lfpipe.eyes import Eyes, middle_of
-from lfpipe.render.presentation import REPLACED, Listener, Presentation
+from lfpipe.render.presenter import REPLACED, Listener, Presentation
 from lfpipe.transport.clock import MS_NS, SECOND_NS
 from lfpipe.transport.status import Row
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lfpipe.config import SessionOptions
 from lfpipe.files.decoding import fit_area
-from lfpipe.render.presentation import Listener, Presentation
+from lfpipe.render.presenter import Listener, Presentation
 from lfpipe.render.synthesis.pair_layout import scale_into
 from lfpipe.transport import ring
 from lfpipe.transport.ring import Stamp

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.files.safe_files import write_file
-from lfpipe.render.presentation import Listener, Presentation
+from lfpipe.render.presenter import Listener, Presentation
 from lfpipe.sequence.eyes import read_truth
 from lfpipe.sequence.packets import PacketWriter, encoded
 from lfpipe.transport.ring import Stamp

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from lfpipe.config import SessionOptions
-from lfpipe.render.presentation import REPLACED, Listener, Presentation
+from lfpipe.render.presenter import REPLACED, Listener, Presentation
 from lfpipe.transport.ring_io import RingOutput
 
 

@@ -4,7 +4,7 @@ import time
 
 from lfpipe.eyes import MAX_PREDICTION_S
 from lfpipe.render.display.display import Display
-from lfpipe.render.presentation import REPLACED, Listener, Presentation
+from lfpipe.render.presenter import REPLACED, Listener, Presentation
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.transport.status import Row
 

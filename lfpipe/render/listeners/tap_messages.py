@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from lfpipe.config import SessionOptions
 from lfpipe.config.modes import Lossless, MouseViewer
-from lfpipe.render.presentation import Listener, Presentation
+from lfpipe.render.presenter import Listener, Presentation
 from lfpipe.render.viewer.geometry import Parallax
 from lfpipe.render.viewer.presence import ViewerState
 from lfpipe.render.viewer.viewer import Viewer

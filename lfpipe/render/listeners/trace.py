@@ -7,7 +7,7 @@ from typing import Any
 from lfpipe.config import SessionOptions
 from lfpipe.config.quality import level_number
 from lfpipe.files.trace import TraceFile
-from lfpipe.render.presentation import Listener, Presentation
+from lfpipe.render.presenter import Listener, Presentation
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.transport.ring import StampKind
 

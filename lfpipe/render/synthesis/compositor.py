@@ -26,8 +26,7 @@ from lfpipe.render.synthesis.engine import Synthesiser
 from lfpipe.render.synthesis.painter import Painter, PainterLost, Painters, PlanePainter
 from lfpipe.render.synthesis.pair_layout import Pair, arrange_stereo_pair
 from lfpipe.render.synthesis.scene_views import SceneViews
-from lfpipe.render.synthesis.viewpoint import Position, extrapolation_views
-from lfpipe.render.synthesis.zero_plane import zero_plane_px
+from lfpipe.render.synthesis.viewpoint import Position, extrapolation_views, zero_plane_px
 from lfpipe.scene.lightfield import LightField
 
 # frame of a video, viewpoints of the eyes on a grid of small steps

@@ -14,7 +14,7 @@ from lfpipe.config.modes import CameraViewer
 from lfpipe.config.modes import Viewer as ViewerKind
 from lfpipe.config.user_files import check_focal, keep_focal
 from lfpipe.eyes import EYES, EyesRecord
-from lfpipe.render.display.overlay import Event, Item, Overlay
+from lfpipe.render.display.display import Event, Item, Overlay
 from lfpipe.render.presenter import Drawing, Presenter, draw_scene
 from lfpipe.render.synthesis.compositor import Key
 from lfpipe.render.ui.files import Files

@@ -7,7 +7,7 @@ from pathlib import Path
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import reason
 from lfpipe.host.files import exists
-from lfpipe.render.display.overlay import Event, Item, Menu, Overlay
+from lfpipe.render.display.display import Event, Item, Menu, Overlay
 from lfpipe.render.ui.files import Files
 from lfpipe.render.ui.pages import Page
 from lfpipe.scene.demo import MARKER

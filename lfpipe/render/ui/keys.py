@@ -4,7 +4,7 @@ from functools import lru_cache
 
 import attrs
 
-from lfpipe.render.display.overlay import Event, Item
+from lfpipe.render.display.display import Event, Item
 
 
 @attrs.frozen
@@ -14,7 +14,7 @@ class Key:
     keys: str
     """The keys, separated by spaces."""
     actions: str
-    """Names of actions (`lfpipe.render.ui.actions.ACTIONS`), one for each key."""
+    """Names of actions (`lfpipe.render.ui.controller.ACTIONS`), one for each key."""
     help: str
     label: str = ""
     """Label of the entry in the bar, and after "|" its other one; empty: no entry."""

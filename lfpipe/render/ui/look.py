@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import attrs
 
-from lfpipe.render.display.overlay import NO_EVENT, Event
+from lfpipe.render.display.display import NO_EVENT, Event
 from lfpipe.render.display.window_system import pygame
 
 Colour = tuple[int, int, int] | tuple[int, int, int, int]

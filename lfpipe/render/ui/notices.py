@@ -7,7 +7,7 @@ from lfpipe.config.modes import CameraViewer, MouseViewer, NoViewer, Window
 from lfpipe.config.modes import Viewer as ViewerKind
 from lfpipe.config.quality import level_number
 from lfpipe.notices import latency_lines, notices
-from lfpipe.render.synthesis.zero_plane import zero_plane_px
+from lfpipe.render.synthesis.viewpoint import zero_plane_px
 from lfpipe.render.ui.files import Files
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.scene.inverted_depth import remember, undecided

@@ -14,7 +14,7 @@ import attrs
 import cv2
 
 from lfpipe.files.decoding import fit_area
-from lfpipe.render.display.overlay import NO_EVENT, Event, Item, Menu, Overlay
+from lfpipe.render.display.display import NO_EVENT, Event, Item, Menu, Overlay
 from lfpipe.render.display.painters import Panel
 from lfpipe.render.display.window_system import drawable, font, pygame
 from lfpipe.render.ui.keys import ACTION_OF, CLOSE, GROUP_OF, LABELS, TIPS

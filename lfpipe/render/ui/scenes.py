@@ -18,7 +18,7 @@ from lfpipe.config import Scene
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area
 from lfpipe.host.files import exists
-from lfpipe.render.display.overlay import Event, Item, Menu, Overlay
+from lfpipe.render.display.display import Event, Item, Menu, Overlay
 from lfpipe.render.ui.files import Files
 from lfpipe.render.ui.notices import Notices, viewer_kind
 from lfpipe.render.ui.pages import Page

@@ -9,7 +9,7 @@ import attrs
 
 from lfpipe.config import Render, choices, user_file
 from lfpipe.config.user_files import write_keys
-from lfpipe.render.synthesis.zero_plane import zero_plane_px, zero_planes_px
+from lfpipe.render.synthesis.viewpoint import zero_plane_px, zero_planes_px
 from lfpipe.render.ui.files import Files
 from lfpipe.render.ui.notices import Notices
 from lfpipe.render.viewer.viewer import Viewer

@@ -19,7 +19,7 @@ import attrs
 from lfpipe.config import Config
 from lfpipe.config.camera_pose import camera_focal_px
 from lfpipe.eyes import MIN_EYE_DISTANCE_PX
-from lfpipe.render.synthesis.zero_plane import zero_plane_px
+from lfpipe.render.synthesis.viewpoint import zero_plane_px
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.source import Geometry
 

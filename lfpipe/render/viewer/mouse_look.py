@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lfpipe.config import Config
 from lfpipe.config.camera_pose import camera_focal_px
 from lfpipe.eyes import Eyes, EyesRecord, low_pass_gain
-from lfpipe.render.display.overlay import Pointer
+from lfpipe.render.display.display import Pointer
 from lfpipe.render.viewer.geometry import SEAT_MM
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.sequence.eyes import eyes_line
