@@ -78,7 +78,7 @@ FAULTS = (
     ),
     Fault(
         "the gate for glitches is open",
-        "track/filters/outliers.py",
+        "track/filters/measurement.py",
         "rejected = deviation_px > limit",
         "rejected = deviation_px > 1e9 * limit",
     ),
@@ -238,19 +238,19 @@ FAULTS = (
     ),
     Fault(
         "the gate refuses a head that shakes fast",
-        "track/filters/outliers.py",
+        "track/filters/measurement.py",
         "limit += USUAL_WEIGHT * self._usual_px",
         "limit += 0.0",
     ),
     Fault(
         "rotation goes the other way",
-        "track/filters/half_distance.py",
+        "track/filters/measurement.py",
         "return -self._rate * y, self._rate * x",
         "return self._rate * y, -self._rate * x",
     ),
     Fault(
         "the last steps are not fitted",
-        "track/filters/learnt_motion.py",
+        "track/filters/velocity.py",
         "self._weights = [a + gain * missed",
         "self._weights = [a + 0 * gain * missed",
     ),
@@ -280,7 +280,7 @@ FAULTS = (
     ),
     Fault(
         "acceleration is used against the motion",
-        "track/filters/velocity_gain.py",
+        "track/filters/velocity.py",
         "speed_gain * velocity[0] + ahead_s * ax",
         "speed_gain * velocity[0] - ahead_s * ax",
     ),

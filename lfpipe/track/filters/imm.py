@@ -1,6 +1,6 @@
 """Filter "predictive", the default one: several models of head motion, run in parallel and weighted
-by how well each predicts (`models`), with measured noise, an outlier gate, learnt gains of the
-prediction and a limit of its growth, each in a module of its own.
+by how well each predicts (`models`), with measured noise and an outlier gate (`measurement`),
+learnt gains of the prediction and a limit of its growth (`velocity`).
 
 The midpoint of the eyes goes through the models; their half distance is smoothed separately.
 Constants are in eye distances and in seconds, so they hold for any camera and viewer
@@ -13,14 +13,15 @@ import numpy as np
 
 from lfpipe.config import Track
 from lfpipe.track.filters.base import EyeFilter, Points
-from lfpipe.track.filters.growth_limit import GrowthLimit
-from lfpipe.track.filters.half_distance import HalfDistance
-from lfpipe.track.filters.learnt_motion import LearntMotion
+from lfpipe.track.filters.measurement import (
+    HalfDistance,
+    MeasurementNoise,
+    MotionWeight,
+    OutlierGate,
+    eye_distance_of,
+)
 from lfpipe.track.filters.models import Models
-from lfpipe.track.filters.motion_weight import MotionWeight, eye_distance_of
-from lfpipe.track.filters.noise import MeasurementNoise
-from lfpipe.track.filters.outliers import OutlierGate
-from lfpipe.track.filters.velocity_gain import FRAME_S, VelocityGain
+from lfpipe.track.filters.velocity import FRAME_S, GrowthLimit, LearntMotion, VelocityGain
 
 
 class ImmFilter(EyeFilter):
