@@ -121,6 +121,9 @@ def playlist(paths: Iterable[Path], settings: Scene) -> list[Path]:
             for entry, source in sources.items()
             if source is not None and source.rows * source.cols > 1
         ]
+        if own is not None and len(own.playlist) > 1 and is_dir(path):
+            scenes += own.playlist
+            continue
         scenes += [path] if not fields or (own is not None and len(fields) == 1) else fields
     return scenes
 

@@ -88,6 +88,7 @@ class SceneSource:
     stated_inverted: bool | None = None  # scene.invert_depth in `lightfield.toml`; None: "auto"
     certain: bool = True  # the format defines a light field; False: names or pictures suggest it
     notes: tuple[str, ...] = ()  # for people, one sentence each
+    playlist: tuple[Path, ...] = ()  # scenes beside each other, of which this is the first
 
     def __attrs_post_init__(self) -> None:
         """Raises ValueError for a scene without a view or pixels."""

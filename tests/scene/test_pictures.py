@@ -17,6 +17,7 @@ from lfpipe.scene.analysis import analyse_scene
 from lfpipe.scene.layouts import stereo
 from lfpipe.scene.missing_views import warped_disparity, warped_view
 from lfpipe.scene.orientation import orient
+from lfpipe.scene.packer import playlist
 from tests.scene import heic, made
 from tests.scene.writers import Make, files, film, one, together
 from tests.support.depth_photos import dynamic_depth, gdepth, with_xmp
@@ -118,6 +119,35 @@ def test_the_left_eye_comes_first(tmp_path: Path, form: str) -> None:
     assert np.abs(first.astype(int) - LEFT).mean() < 0.6 * np.abs(first.astype(int) - RIGHT).mean()
     if form == "Middlebury":
         assert source.notes == ("2 of 5 files used; the others are disp2.png, disp6.png, im3.png",)
+
+
+@pytest.mark.parametrize(
+    ("left", "right"),
+    [
+        ("{}_left.png", "{}_right.png"),
+        ("left/{}.png", "right/{}.png"),
+        ("image_2/{:06d}_10.png", "image_3/{:06d}_10.png"),
+        ("leftImg8bit/a_{}_leftImg8bit.png", "rightImg8bit/a_{}_rightImg8bit.png"),
+    ],
+)
+def test_several_pairs_are_a_playlist_of_their_left_pictures(
+    tmp_path: Path, left: str, right: str
+) -> None:
+    for number in range(3):
+        made.write(tmp_path / left.format(number), np.roll(LEFT, 9 * number, 1))
+        made.write(tmp_path / right.format(number), np.roll(RIGHT, 9 * number, 1))
+    source = layouts.describe(tmp_path, AUTO)
+    assert source.layout == "stereo" and any("all 3 pairs" in note for note in source.notes)
+    scenes = playlist([tmp_path], AUTO)
+    assert scenes == [tmp_path / left.format(number) for number in range(3)]
+    for number, path in enumerate(scenes):
+        source = layouts.describe(path, AUTO)
+        assert (source.layout, source.cols, source.path) == ("stereo", 2, path)
+        for col, eye in enumerate((LEFT, RIGHT)):
+            assert np.array_equal(source.read(0, 0, col), np.roll(eye, 9 * number, 1))
+    assert layouts.describe(tmp_path / right.format(0), AUTO).layout == "picture"
+    alone = layouts.describe(scenes[0], config.Scene(layout="picture"))
+    assert np.array_equal(alone.read(0, 0, 0), LEFT)
 
 
 OVER = np.vstack([LEFT, RIGHT])

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header, read_frames, read_picture
-from lfpipe.scene.files import VIDEOS, Listing
+from lfpipe.scene.files import VIDEOS, Listing, list_scene
+from lfpipe.scene.layouts._folders import inner_listing
 from lfpipe.scene.layouts._grid import files_source, some
 from lfpipe.scene.layouts._likeness import MIN_VIEW_PX, are_a_pair
 from lfpipe.scene.layouts._names import (
@@ -30,6 +31,7 @@ from lfpipe.scene.layouts._names import (
     CROSSED,
     HALF,
     NUMBERED_PAIRS,
+    camera_of,
     eye_pairs,
     is_map,
     read_names,
@@ -58,6 +60,26 @@ def _pairs(listing: Listing) -> list[tuple[str, str]]:
     # two grids of cameras, left and right, are not an album of pairs; two folders are
     grid = read_names(names) if len(pairs) > 3 and "/" not in names[0] else None
     return [] if grid is not None and not grid.runs else pairs
+
+
+def _around(listing: Listing) -> Listing:
+    """The pair of which the left picture was given, by the words of its name or of its folder; else
+    the listing.
+    """
+    if not listing.is_file or is_film(listing):
+        return listing
+    own = listing.folder
+    places = [own] if side_of(listing.names[0]) else []
+    places += [own.parent] if side_of(own.name) or camera_of(own.name) else []
+    for folder in places:
+        with suppress(UserError):
+            around = list_scene(folder)
+            around = around if folder == own else inner_listing(around) or around
+            name = listing.path.relative_to(folder).as_posix()
+            for pair in eye_pairs(around.pictures()):
+                if pair[0] == name:
+                    return attrs.evolve(around, path=listing.path, folder=folder, names=pair)
+    return listing
 
 
 def _alone(listing: Listing) -> Path | None:
@@ -157,6 +179,7 @@ def _filmed(
 
 
 def detect(listing: Listing) -> int | None:
+    listing = _around(listing)
     if pairs := _pairs(listing):
         paired = {name for pair in pairs for name in pair}
         others = [name for name in listing.pictures() if name not in paired and not is_map(name)]
@@ -179,11 +202,12 @@ def detect(listing: Listing) -> int | None:
 
 
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
+    listing = _around(listing)
     if pairs := _pairs(listing):
         others = [name for name in listing.pictures() if name not in pairs[0]]
-        notes = (
-            (f"2 of {len(others) + 2} files used; the others are {some(others)}",) if others else ()
-        )
+        notes = [f"2 of {len(others) + 2} files used; the others are {some(others)}"][: len(others)]
+        if len(pairs) > 1:
+            notes.append(f"`lfpipe up` shows all {len(pairs)} pairs, one after the other")
         eyes = {(0, col): name for col, name in enumerate(pairs[0])}
         by_name = "/" not in pairs[0][0] or side_of(pairs[0][0]) is not None
         return files_source(
@@ -193,7 +217,8 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
             (1, 2),
             turn=GridTransform() if by_name else None,
             turn_by="the names contain left and right" if by_name else "",
-            notes=notes,
+            notes=tuple(notes),
+            playlist=tuple(listing.file(left) for left, _ in pairs),
         )
     path = _alone(listing) or require_picture(listing)
     full = 255
