@@ -21,7 +21,7 @@ from lfpipe.scene.source import Progress
 
 log = logging.getLogger(__name__)
 
-SILENT_S = 60.0  # limit without a step: a large picture on a slow disk
+SILENT_S = 300.0  # limit without a step: a large picture, beside busy programs or on a slow disk
 ScenePath = str | os.PathLike[str]
 
 
