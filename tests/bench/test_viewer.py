@@ -14,7 +14,7 @@ from lfpipe.cli import cli
 
 
 def check(tables: Iterator[Table]) -> None:
-    """What `--check` prints; `tests/mutation_check.py` reads it."""
+    """What `--check` prints."""
     lines = beyond(Results("viewer", list(tables)))
     assert not lines, "\n".join(lines)
 

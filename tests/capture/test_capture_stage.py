@@ -202,23 +202,23 @@ def test_a_recording_stands_still_while_paused(capture: Capture) -> None:
         made.context.hear(paused=True)
 
     def wait(until_ns: int) -> bool:
-        if made.context.paused and made.source.wait(made.source.t_ns + SECOND_NS):
-            made.context.hear(paused=made.source.t_ns < begun[0] + 10 * SECOND_NS)
+        if made.context.paused and made.source.wait(made.source.t_ns + SECOND_NS // 10):
+            made.context.hear(paused=made.source.t_ns < begun[0] + SECOND_NS // 2)
         return True
 
-    stamps = made.run(1, 1, pause, 1, 1, while_paused=wait)
-    assert [one.source_seq for one in stamps] == [0, 1, 3], "one was under way"
+    stamps = made.run(1, 1, pause, *[1] * 9, while_paused=wait)
+    assert [one.source_seq for one in stamps] == [0, 1, *range(3, 11)], "one was under way"
     row = made.context.row
     assert row["drops"] + row["left_out"] == 1
-    moved_ns = stamps[-1].t_sensor_ns - (2 * SECOND_NS + 3 * PERIOD_NS)
-    assert 9 * SECOND_NS < moved_ns < 12 * SECOND_NS, "and so did its clock"
+    moved_ns = stamps[-1].t_sensor_ns - (2 * SECOND_NS + 10 * PERIOD_NS)
+    assert 0.3 < moved_ns / SECOND_NS < 0.6, "and so did its clock"
 
 
 def test_while_nobody_looks_eight_frames_a_second_are_enough(capture: Capture) -> None:
     made = capture(True)
     stamps = made.run(lambda: made.context.hear(idle=True), *[1] * 60)
     gaps = np.diff([one.t_sensor_ns for one in stamps])
-    assert len(stamps) >= 4 and gaps.min() >= IDLE_NS, "a camera is read as often"
+    assert gaps.min() >= IDLE_NS and len(stamps) >= 59, "a camera is read as often"
 
 
 def test_broken_frames_are_counted_and_told_of_ever_less_often(capture: Capture) -> None:

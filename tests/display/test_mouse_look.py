@@ -99,9 +99,7 @@ def test_mouse_look_right_button_takes_over_without_a_jump() -> None:
 def test_mouse_session_is_recorded_and_played_again(
     world: World, scene: Path, screen: Screen
 ) -> None:
-    """The recording holds the eyes; two replays agree bit for bit, and a session follows them as it
-    followed the mouse.
-    """
+    """The recording holds the eyes; two replays agree bit for bit."""
     world.env["DISPLAY"] = screen.name
     out = world.root / "rec"
     process = world.shows(scene, camera="mouse", display="fullscreen")
@@ -150,12 +148,6 @@ def test_mouse_session_is_recorded_and_played_again(
         len(lines) == len(recorded.packets)
         and np.ptp([line["view"]["left"][1] for line in lines]) > 0.5
     )
-    played = world.root / "played.jsonl"
-    once = f"file:{out}?loop=0"
-    world.done("up", scene, "--camera", once, "--display", "none", "--trace", played)
-    assert "is a recording already" in world.refused("record", "again", "--camera", once)
-    eyes = {tuple(json.loads(line)["eyes_raw"]["left"]) for line in played.read_text().splitlines()}
-    assert len(eyes) > 10 and eyes <= {tuple(line["eyes_raw"]["left"]) for line in lines}
 
 
 def test_mouse_session_without_a_window_is_refused(world: World, scene: Path) -> None:

@@ -21,6 +21,7 @@ PLAIN = (
     "render.anaglyph=colour",
     "render.light=gamma",
     "render.clock=camera",
+    "governor.quality=fixed",  # a busy machine would draw otherwise
 )
 GRID_MIDDLE = [13, 13, 37]  # BGR of the middle view
 
@@ -91,8 +92,11 @@ def _exchange_near_and_far(world: World, screen: Screen, exchange: Callable[[str
     """
     for word, last in (("yes", 2.0), ("no", 0.0)):
         exchange(word)
+        world.wait_for(
+            lambda word=word: world.monitor()["config"]["scene"]["invert_depth"] == word, word
+        )
         world.ctl("resume")
-        world.more_pictures(0)
+        world.more_pictures(2)
         world.ctl("pause")
 
         def turned(last: float = last) -> list[int]:

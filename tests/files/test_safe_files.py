@@ -127,6 +127,13 @@ def test_no_file_beside_is_taken_for_unfinished_work(tmp_path: Path, name: str) 
     assert names(tmp_path) == before and (tmp_path / name).read_bytes() == b"mine"
 
 
+def test_half_a_line_of_a_killed_writer_is_cut_off(tmp_path: Path) -> None:
+    path = tmp_path / "requests.jsonl"
+    path.write_bytes(b"1\n2")
+    safe_files.LineFile(path).append(b"3\n")
+    assert path.read_bytes() == b"1\n3\n"
+
+
 def test_a_file_stays_as_private_as_it_was(tmp_path: Path) -> None:
     path = tmp_path / "config.toml"
     path.touch(0o600)

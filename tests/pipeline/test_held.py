@@ -1,45 +1,20 @@
 """What the processes of a session hold for its whole length: libraries, and shared memory."""
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import psutil
 import pytest
 
-from tests.support.extras import with_extras
 from tests.support.world import World
 from tests.support.xvfb_screen import Screen
 
 # what only some stages need: 97 MB
 LIBRARIES = re.compile(r"/(cv2|pygame|PIL|skimage|scipy)/")
-# what lives as long as a session, or beside it
-LASTING = (
-    "lfpipe.cli.launch",
-    "lfpipe.cli.sessions",
-    pytest.param("lfpipe.extras.exhibition.kiosk", marks=with_extras),
-    pytest.param("lfpipe.extras.share.requests", marks=with_extras),
-    "lfpipe.monitor.monitor",
-    "lfpipe.scene.open_scene",
-    "lfpipe.supervisor.session",
-)
 
 
 def libraries(pid: int) -> set[str]:
     return set(LIBRARIES.findall(Path(f"/proc/{pid}/maps").read_text()))
-
-
-@pytest.mark.parametrize("module", LASTING)
-def test_what_lives_long_imports_no_library_of_a_stage(module: str) -> None:
-    look = f"import sys, {module}; print(*(one.__file__ for one in [*sys.modules.values()] if"
-    paths = subprocess.run(
-        [sys.executable, "-c", f"{look} getattr(one, '__file__', None)))"],
-        stdout=subprocess.PIPE,
-        text=True,
-        check=True,
-    ).stdout
-    assert "/lfpipe/" in paths and not set(LIBRARIES.findall(paths))
 
 
 @pytest.mark.native("/proc lists what a process has mapped")

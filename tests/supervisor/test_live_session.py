@@ -223,6 +223,13 @@ def test_a_hung_stage_is_killed_named_and_started_again(play: Play) -> None:
     assert played.told("render: no beat for") == 1 and played.restarts() == [0, 0, 1]
 
 
+def test_a_stage_that_ends_by_itself_is_missed(play: Play) -> None:
+    played = play()
+    played.ends(0, "track")
+    played.step(1)
+    assert played.told("track ended with exit code 0") == 1 and played.restarts() == [0, 1, 0]
+
+
 @pytest.mark.parametrize(("shown", "soon"), [(40, True), (38, False)])
 def test_a_source_that_ends_ends_the_session_once_its_frames_are_shown(
     play: Play, shown: int, soon: bool
@@ -348,7 +355,7 @@ def test_a_session_ends_by_the_first_of_signal_and_duration(play: Play) -> None:
     assert played.goes_on()
     played.t_ns += 1
     played.live._check_limits(1.0, ())
-    played.live._check_limits(1.0, (2,))
+    played.live._check_limits(None, (2,))
     assert "--duration" in played.outcome().reason
     other = Outcome(reason="interrupted", signum=15)
     played.live._outcome = None

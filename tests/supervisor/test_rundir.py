@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 import zmq
 
+from lfpipe.host import file_lock
 from lfpipe.supervisor import rundir
 from lfpipe.transport.session import LIVE, PREFIX, Session
 from tests.supervisor.holder import ROOT, Holder, holding
@@ -36,6 +37,7 @@ def test_lock_notices_a_removed_run_directory(base: Path, name: str) -> None:
 
 
 LOOK = """
+from lfpipe.host import file_lock
 from lfpipe.supervisor import rundir
 import sys
 print(rundir.running(), rundir.find(sys.argv[1]).name)
@@ -69,6 +71,25 @@ def test_rundir_passes_over_entries_of_other_kinds(
     holder.end()
     with contextlib.suppress(FileNotFoundError):  # root may have swept it
         closed.chmod(0o700)
+
+
+def test_a_lock_whose_directory_was_removed_meanwhile_is_taken_again(
+    base: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = Session(name).lock
+    take = file_lock.take
+    swept = iter([True, False])
+
+    def taken(at: Path) -> file_lock.Lock | None:
+        lock = take(at)
+        if next(swept):  # by another process, just before
+            shutil.rmtree(at.parent)
+        return lock
+
+    monkeypatch.setattr(file_lock, "take", taken)
+    lock = rundir.take_lock(path, make=True)
+    assert lock is not None and lock.in_place() and path.exists()
+    rundir.release(Session(name), lock)
 
 
 def test_sweep_removes_all_of_a_dead_run_directory(base: Path, name: str, tmp_path: Path) -> None:

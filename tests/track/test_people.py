@@ -218,11 +218,14 @@ def test_a_face_behind_a_mask_is_found(name: str, colour: tuple[int, int, int], 
     assert near(watched([picture] * 4)[1:], 300, 200, 8)
 
 
-@pytest.mark.parametrize("roll_deg", [-88, -85, -75, 75, 85])
 @pytest.mark.parametrize("name", ["03-1m", "03-2m", "07-1m"])
-def test_a_lying_head_is_no_viewer_or_has_its_own_eyes(roll_deg: float, name: str) -> None:
-    face = LitertEngine().detect(placed(backdrop(), name, 320, 240, 60, roll_deg))
-    assert face is None or abs(face.lean_deg - roll_deg) < 10
+def test_a_lying_head_is_no_viewer_or_has_its_own_eyes(name: str) -> None:
+    found = {
+        roll_deg: LitertEngine().detect(placed(backdrop(), name, 320, 240, 60, roll_deg))
+        for roll_deg in (-88, -85, -75, 0, 75, 85)
+    }
+    assert found[0] is not None
+    assert all(face is None or abs(face.lean_deg - deg) < 10 for deg, face in found.items())
 
 
 # outlines in distances between the eyes, from their middle

@@ -13,7 +13,7 @@ from lfpipe.supervisor.process_table import SOURCE, consumers
 from lfpipe.supervisor.session_state import SessionState, SessionStore
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.context import Context
-from lfpipe.transport.ring_io import StageSpec
+from lfpipe.transport.ring_io import RingOutput, StageSpec
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import State
 
@@ -124,6 +124,28 @@ def test_a_slot_wakes_the_readers_that_run(session: Session, make: Make) -> None
     woken = {reader: Wake(session.wake("eyes", reader)).drain() for reader in consumers()["eyes"]}
     assert {reader for reader, slots in woken.items() if slots} == {"render"}
     assert "share" in woken
+
+
+def test_a_lossless_writer_is_a_few_slots_ahead_of_who_still_reads(
+    session: Session, make: Make
+) -> None:
+    context = make("track", True)
+    asked: list[bool] = []
+    eyes = RingOutput(
+        context.spec, "eyes", context.table, lambda ready, _: asked.append(ready()), lambda: None
+    )
+    at = context.spec.ring_index("eyes")
+    slow, quick = (context.table.rows[name] for name in ("render", "share"))
+    for published in range(12):
+        for taken in range(published + 1):
+            slow["taken_seq"][at], quick["taken_seq"][at] = taken, published
+            slow["state"] = quick["state"] = State.RUNNING
+            assert eyes._all_taken() is (published - taken <= eyes.writer.slots - 4)
+            slow["state"] = State.DEAD
+            assert eyes._all_taken(), "nobody waits for the dead"
+        eyes.begin()
+        eyes.publish(published, 1, 1)
+    assert asked == [True] * 12
 
 
 def test_report_lost_counts_a_lost_output(make: Make) -> None:

@@ -64,8 +64,10 @@ class Ui:
         presenter: Presenter,
         mouse: MouseLook,
         display: Display,
+        actions: "Mapping[str, Callable[[Ui, Event], None]]",
         files: Files,
     ) -> None:
+        """actions: event name -> action."""
         self.context = context
         self.viewer = viewer
         self.presenter = presenter
@@ -90,6 +92,7 @@ class Ui:
         self._pointer = Pointer()
         self._display = display
         self._overlay = Overlay()
+        self._actions = actions
         self._changes = ChangeNotices(context, viewer, self.notices, files)
         first = not context.row["restarts"]
         self.page: Page | None = (
@@ -156,8 +159,8 @@ class Ui:
             return
         if event.name in CLOSING and not (self.page and self.page.stays):
             self.close_page()
-        if event.name in ACTIONS:
-            ACTIONS[event.name](self, event)
+        if event.name in self._actions:
+            self._actions[event.name](self, event)
 
     def handle(self, answer: Answer) -> None:
         """Handles the answer to a request of the window."""

@@ -4,7 +4,6 @@ XDF's words for gaze.
 
 import math
 import os
-import socket
 import struct
 import time
 from pathlib import Path
@@ -142,35 +141,6 @@ def test_the_identity_of_a_stream_is_that_of_one_run_of_a_session(
         assert session.run == session.run, "also of a restarted stage"
         runs.append(source_id(session.run, "eyes"))
     assert runs[0] != runs[1]
-
-
-def test_lsl_describes_its_channels_as_xdf_recommends(lsl: Any) -> None:
-    _, inlets = lsl
-    for inlet in inlets.values():
-        assert socket.gethostname() in inlet.info(5).source_id(), (
-            "else an inlet goes on with the stream of another machine"
-        )
-        info = inlet.info(5)
-        rows = []
-        channel = info.desc().child("channels").child("channel")
-        for _ in range(info.channel_count()):
-            rows.append({key: channel.child_value(key) for key in ("label", "eye", "type", "unit")})
-            channel = channel.next_sibling("channel")
-        assert all(all(row.values()) and row["eye"] in ("left", "right", "both") for row in rows)
-        if info.type() == "Gaze":
-            assert rows[5] == {
-                "label": "right_z",
-                "eye": "right",
-                "type": "PositionZ",
-                "unit": "mm",
-            }
-            assert rows[6]["type"] == "HeadX" and rows[13]["type"] == "FrameNumber"
-            assert rows[15] == {
-                "label": "confidence",
-                "eye": "both",
-                "type": "Confidence",
-                "unit": "normalized",
-            }
 
 
 def test_the_state_is_repeated_every_second_and_the_confidence_is_sent(lsl: Any) -> None:

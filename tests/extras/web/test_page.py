@@ -66,13 +66,6 @@ def test_page_in_a_browser_moves_charts_and_takes_controls(
         assert (
             browser.ask("Object.keys(window.lfpipe.last.stages).join()") == "capture,track,render"
         )
-        axes = browser.ask("window.lfpipe.latency.axes.map((axis) => axis.label).join()")
-        assert axes == "session time, s,ms"
-        legend = "document.querySelector('#latency .u-legend').textContent"
-        until(
-            lambda: browser.ask(legend).count(" ms") >= 3,
-            "newest values in the legend, without a pointer over the chart",
-        )
         assert browser.ask("document.getElementById('scenes').offsetParent === null"), (
             "one scene is no list"
         )
@@ -86,13 +79,6 @@ def test_page_in_a_browser_moves_charts_and_takes_controls(
             lambda: browser.ask("document.getElementById('camera').naturalWidth") == 320, "camera"
         )
         assert browser.ask("document.getElementById('anaglyph').value") == "dubois"
-        colours = """(() => {
-            const c = document.createElement('canvas'), i = document.getElementById('picture');
-            c.width = i.naturalWidth; c.height = i.naturalHeight;
-            const d = c.getContext('2d'); d.drawImage(i, 0, 0);
-            const p = d.getImageData(32, 24, 1, 1).data;
-            return Math.max(p[0], p[1], p[2]) - Math.min(p[0], p[1], p[2]); })()"""
-        until(lambda: browser.ask(colours) > 4, "coloured picture")
 
         def turn(name: str, value: object, event: str) -> None:
             control = f"document.getElementById('{name}')"
@@ -126,12 +112,6 @@ def test_page_in_a_browser_moves_charts_and_takes_controls(
         until(
             lambda: browser.ask("window.lfpipe.last && window.lfpipe.last.alive"),
             "session that returned",
-        )
-        until(
-            lambda: browser.ask(
-                "window.lfpipe.last.camera_fps > 5 && window.lfpipe.last.stages.track.face"
-            ),
-            "its figures",
         )
         assert server.ask("POST", "/ctl", {"cmd": "recentre"})[0] == 200
 
