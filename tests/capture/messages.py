@@ -67,7 +67,7 @@ MESSAGES: dict[str, tuple[Cause, str]] = {
     ),
     "text": (
         checked("a.avi", lambda path: path.write_text("text")),
-        "/here/a.avi: not a readable video … mp4, mkv",
+        "/here/a.avi: not a readable video … QuickTime … another program",
     ),
     "damaged picture": (
         checked("a.png", lambda path: path.write_text("text")),

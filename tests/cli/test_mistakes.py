@@ -75,8 +75,6 @@ def test_progress_in_a_log_is_a_line_and_no_bar(
     ("line", "offered"),
     [
         ("up --demo --set render.me", ["render.method="]),
-        ("up --demo --set render.method=wa", ["render.method=warp", "render.method=warp2"]),
-        ("ctl set render.swap_eyes=", ["render.swap_eyes=true", "render.swap_eyes=false"]),
         ("ctl --session e", ["evening"]),
         ("monit", ["monitor"]),
     ],

@@ -140,7 +140,7 @@ MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
             (here / "v.avi").write_text("no video")
             and typed("import", here / "v.avi", here / "seq")
         ),
-        "/here/v.avi: not a readable video … mp4, mkv",
+        "/here/v.avi: not a readable video … QuickTime … another program",
     ),
     "eyes": (
         lambda here: eyes_of(EYES, "walk: frame 5"),
