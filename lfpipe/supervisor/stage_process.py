@@ -26,7 +26,8 @@ logger = logging.getLogger(__name__)
 MAX_RESTARTS_WINDOW_S, MAX_FAILURES = 60.0, 5  # give up after five failures in a minute
 FIRST_BACKOFF_S = 0.1  # doubled from one failure to the next
 MAX_STACK = 4000  # characters reported
-HANG_S = 5.0  # without a heartbeat: beside busy programs, a stage may wait for a core
+# without a heartbeat: twice the longest time of a stage beside 12 busy loops for each core, 2.7 s
+HANG_S = 5.5
 # likewise: time for a disk to spin up, for a network to return, or for a display server that other
 # programs overload
 BUSY_S = 60.0
