@@ -36,6 +36,7 @@ def alone(world: World, core: Path) -> Iterator[World]:
     yield world
 
 
+@pytest.mark.nightly
 def test_core_without_extras_runs_sessions(alone: World, scene: Path, core: Path) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         alone.env.pop(name, None)

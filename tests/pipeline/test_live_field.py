@@ -130,7 +130,7 @@ def test_example_draws_a_live_scene(world: World, mode: str) -> None:
         remove_left(world, "ball")
 
 
-@pytest.mark.live
+@pytest.mark.nightly
 def test_viewer_of_a_live_scene_is_recorded_and_replayed(world: World, views: Path) -> None:
     out = world.root / "rec"
     world.shows(Path(f"live:file:{views}"), camera="demo")

@@ -151,6 +151,7 @@ def noisy(folder: Path, short: Path) -> Path:
     return folder
 
 
+@pytest.mark.nightly
 def test_ten_seconds_of_a_camera_without_jpegs_take_at_most_10_mb(
     world: World, short: Path, blocks: Path
 ) -> None:
