@@ -42,7 +42,7 @@ class Watched(RuleBasedStateMachine):
         self.generation = 0
         self.x, self.measured = 300.0, False
         self.exchanged = False
-        self.former = False  # until somebody has rested in a seat that was taken again
+        self.unconfirmed = False  # until somebody has rested in a seat that was taken again
 
     def frame(self, here: Rest | None, beyond: bool = False) -> Rest | None:
         self.t_ns += FRAME_NS
@@ -52,14 +52,14 @@ class Watched(RuleBasedStateMachine):
         assert after in ALLOWED[before], f"{before.word} to {after.word}"
         if rest is not None:
             assert after is SE and here is not None
-            assert before in (A, E, L) or beyond or self.exchanged or self.former, (
+            assert before in (A, E, L) or beyond or self.exchanged or self.unconfirmed, (
                 "a seated viewer is measured anew beyond the grid alone"
             )
             span = RETURN_SPAN if self.subject.returned else 2 * REST_SPAN
             assert self.exchanged or abs(rest.x_px - here.x_px) <= span * here.eye_distance_px
         if here is None:
             assert after in (N, L)
-        self.former = self.subject.returned or (self.former and rest is None)
+        self.unconfirmed = self.subject.returned or (self.unconfirmed and rest is None)
         return rest
 
     @rule(seconds=st.floats(0.1, 3.0))

@@ -322,7 +322,7 @@ def all_attacks(base: Path) -> dict[str, str]:
 
 
 def all_damage(base: Path) -> dict[str, str]:
-    """For the process of the test below: what is said of scenes with damage, opened with any
+    """For the process of the test below: the messages about damaged scenes, opened with any
     setting. Whatever they are, no file is left beside them.
     """
     said = {}

@@ -51,7 +51,7 @@ class Process:
 
 
 class Played:
-    """A session whose stages work from step to step. said: what the user is told."""
+    """A session whose stages work from step to step. said: the notices to the user."""
 
     def __init__(self, name: str, monkeypatch: pytest.MonkeyPatch, **options: Any) -> None:
         self.t_ns = 10**12

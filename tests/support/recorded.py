@@ -22,7 +22,7 @@ Step = Callable[[], object]
 
 
 class Recorded(Context):
-    """Ends after the last step, or by a clock, which is told until when to wait.
+    """Ends after the last step, or by a clock, which gets the time until which to wait.
 
     emitted: what the tap would hear; asked: requests and answers.
     """
