@@ -13,6 +13,7 @@ from lfpipe.render.synthesis.viewpoint import Place
 from lfpipe.render.viewer.presence import (
     ABSENT_S,
     EASED_VIEWS,
+    HOLD_S,
     REST_S,
     REST_SPAN,
     RETURN_SPAN,
@@ -38,11 +39,12 @@ class Watched(RuleBasedStateMachine):
     def __init__(self) -> None:
         super().__init__()
         self.subject = Presence()
-        self.t_ns = 0
+        self.t_ns = self.seen_ns = 0
         self.generation = 0
         self.x, self.measured = 300.0, False
         self.exchanged = False
-        self.unconfirmed = False  # until somebody has rested in a seat that was taken again
+        # until somebody has rested in a seat that was taken again, or left for HOLD_S
+        self.unconfirmed = False
 
     def frame(self, here: Rest | None, beyond: bool = False) -> Rest | None:
         self.t_ns += FRAME_NS
@@ -50,6 +52,9 @@ class Watched(RuleBasedStateMachine):
         rest = self.subject.update(self.t_ns, here, self.generation, beyond)
         after = self.subject.state
         assert after in ALLOWED[before], f"{before.word} to {after.word}"
+        if here is not None:
+            self.unconfirmed |= before is L and self.t_ns - self.seen_ns >= HOLD_S * 1e9
+            self.seen_ns = self.t_ns
         if rest is not None:
             assert after is SE and here is not None
             assert before in (A, E, L) or beyond or self.exchanged or self.unconfirmed, (
