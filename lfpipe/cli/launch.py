@@ -120,7 +120,7 @@ def _is_for_open_window(arguments: UpArguments) -> bool:
 
 def _prepared(arguments: UpArguments) -> Prepared:
     """A session that can start. Prints its settings. Raises UserError."""
-    packing, packed = None, None
+    packing, packed, notes = None, None, list[str]()
     with contextlib.ExitStack() as resources:
         while True:
             asked = converter().unstructure({"arguments": arguments, "packed": packed})
@@ -142,8 +142,10 @@ def _prepared(arguments: UpArguments) -> Prepared:
             with progress() as bar:
                 packing, summary = pack_until_shown(request, bar, answer["complete"])
             resources.callback(packing.close)
-            packed = [*map(str, packing.scenes)] or request.scenes, summary.pack
-        for line in plan.lines:
+            packed = packing.scenes, summary.pack
+            bad = (f"not shown: {path}: {why}" for path, why in packing.unusable.items())
+            notes = [f"note\t{note}" for note in filter(None, (packing.note, *bad))]
+        for line in (*plan.lines, *notes):
             head, _, text = line.partition("\t")
             say(filled(text, f"{head:<9}") if text else line)
         return plan, packing, resources.pop_all()

@@ -263,9 +263,8 @@ def _plan(arguments: UpArguments, request: Request, opened: Opened) -> SessionPl
         *_extra_lines(arguments),
     ]
     if len(scenes) > 1:
-        keys = "" if arguments.lock_code else "Tab, Page Up and Page Down, or "
-        command = f"lfpipe ctl --session {arguments.session_name} load --next"
-        lines.append(f"scenes\t{len(scenes)}: {keys}`{command}` to show the others")
+        keys = "" if arguments.lock_code else ": Page Up, Page Down, Tab"
+        lines.append(f"scenes\t{len(scenes)}{keys}")
     if request.still is not None:
         folder = request.still.parent
         folder.mkdir(exist_ok=True)
@@ -277,11 +276,7 @@ def _plan(arguments: UpArguments, request: Request, opened: Opened) -> SessionPl
         viewer=viewer,
         clock=clock,
         display=display,
-        playlist=(
-            tuple(str(path.resolve()) for path in scenes)
-            if len(scenes) > 1 or arguments.start
-            else ()
-        ),
+        playlist=tuple(str(path.resolve()) for path in scenes),
         start=arguments.start,
         calibrate_mm=arguments.calibrate_mm,
         ask_glasses=_is_first_start(arguments, display),

@@ -183,6 +183,8 @@ class SessionOptions:
     # the scenes to step through, and the index of the one on show
     playlist: tuple[str, ...] = ()
     playlist_at: int = 0
+    # those that could not be opened, and why
+    unusable: Mapping[str, str] = attrs.field(factory=dict)
     # begin with the thumbnails of the playlist
     start: bool = False
     # begin with the page that measures the camera, at this distance; 0: do not

@@ -36,7 +36,7 @@ class PackerRequest:
     do: Literal["pack", "info"] = "pack"  # or analyse it
     scenes: tuple[str, ...] = attrs.field(converter=_plain)
     settings: config.Scene
-    # pack: whether to replace folders of light fields by their content
+    # whether to replace folders of light fields by their content
     expand: bool = False
     # pack: whether to add the scene to the recent ones
     remember: bool = False
@@ -53,8 +53,12 @@ class Packing(Worker):
     def __init__(self, request: PackerRequest, progress: Progress | None = None) -> None:
         self.views: SceneSummary | None = None
         """Summary of the pack as soon as it can be shown."""
-        self.scenes: list[Path] = []
-        """With expand: the light fields that replace the paths."""
+        self.scenes: list[str] = []
+        """The light fields that replace the paths; the first is opened."""
+        self.unusable: dict[str, str] = {}
+        """Those that cannot be opened, and why."""
+        self.note = ""
+        """What a person should know about the rest of a folder."""
         self.step = ""
         """The current step, for people; "" before the first."""
         self.share = 0.0
@@ -74,7 +78,9 @@ class Packing(Worker):
         elif "log" in step:
             log.info(step["log"])
         elif "scenes" in step:
-            self.scenes = [Path(text) for text in step["scenes"]]
+            self.scenes, self.note = step["scenes"], step["note"]
+        elif "unusable" in step:
+            self.unusable = step["unusable"]
 
     def summary(self) -> SceneSummary:
         """The summary of the complete pack, once the packer is done. Raises UserError."""
@@ -161,7 +167,7 @@ def ask_manifest(path: Path, settings: config.Scene, progress: Progress | None =
     Raises UserError.
     """
     scenes = [named_scene(path, cache_dir(settings))]
-    request = PackerRequest(do="info", scenes=scenes, settings=settings)
+    request = PackerRequest(do="info", scenes=scenes, settings=settings, expand=True)
     with contextlib.closing(Packing(request, progress)) as packing:
         packing.wait()
         return converter().structure(packing.result(), Manifest)

@@ -4,7 +4,8 @@ memory, time and output.
 `open_scene.Packing` runs `python -m lfpipe.scene.packer` with a `PackerRequest`. Steps, each a JSON
 object:
 
-    {"scenes": [path, ...]}                     expand: the light fields; the first is opened
+    {"scenes": [path, ...], "note": "..."}       the light fields; the first is opened
+    {"unusable": {path: why}}                   those that cannot be opened; the next one is
     {"step": "views", "done": 7, "total": 81}   progress
     {"summary": {...}}                          the pack can be shown, still without disparity
     {"log": "..."}                              a decision and its reason
@@ -30,6 +31,7 @@ from lfpipe.host.worker import Report, serve
 from lfpipe.scene import layouts
 from lfpipe.scene.analysis import analyse_scene
 from lfpipe.scene.cache import cache_dir, packed
+from lfpipe.scene.files import is_picture, natural
 from lfpipe.scene.info import scene_manifest
 from lfpipe.scene.lightfield import MethodScores
 from lfpipe.scene.open_scene import PackerRequest
@@ -39,6 +41,9 @@ from lfpipe.scene.recent_scenes import remember_scene
 from lfpipe.scene.source import SceneSource
 
 MEMORY_BYTES = 1 << 30  # mapped files do not count
+MAX_WHY = 100  # characters of a reason: a message holds those of hundreds of scenes
+MAX_ENTRIES = 1000  # of a folder that is searched
+DEPTH = 2  # levels of folders in which a playlist is looked for
 
 
 class _LogOfParent(logging.Handler):
@@ -72,12 +77,23 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
                 os.nice(15)
         report(summary=attrs.asdict(summarize(open_pack(pack, settings.invert_depth))))
 
+    paths, others = playlist(paths, settings) if asked.expand else (paths, 0)
+    note = f"{len(paths)} scenes; {others} other pictures are none" * (len(paths) > 1)
     if asked.do == "info":
-        return attrs.asdict(scene_manifest(analyse_scene(paths[0], settings)))
-    if asked.expand:
-        paths = playlist(paths, settings)
-        report(scenes=[str(path) for path in paths])
-    field = pack_scene(paths[0], settings, _scorer(asked.scorer), progress, views_ready)
+        manifest = scene_manifest(analyse_scene(paths[0], settings))
+        return attrs.asdict(manifest) | {"notes": [*manifest.notes, *filter(None, [note])]}
+    unusable = dict[str, str]()
+    while True:
+        report(scenes=[*map(str, paths)], note=note * bool(others))
+        try:
+            field = pack_scene(paths[0], settings, _scorer(asked.scorer), progress, views_ready)
+            break
+        except UserError as error:
+            unusable[str(paths[0])] = error.message.replace(str(paths[0]), paths[0].name)[:MAX_WHY]
+            report(unusable=unusable)
+            if len(unusable) == len({*paths}):
+                raise
+            paths = [*paths[1:], paths[0]]
     # the demo is always available
     if asked.remember and not paths[0].is_relative_to(cache_dir(settings)):
         remember_scene(paths[0])
@@ -93,45 +109,53 @@ def _scorer(name: str) -> Score:
     return score
 
 
-def playlist(paths: Iterable[Path], settings: Scene) -> list[Path]:
-    """Replaces each folder that is not a light field itself, or only by one of its files, by the
-    light fields in it, in order of name.
+def playlist(paths: Iterable[Path], settings: Scene) -> tuple[list[Path], int]:
+    """Replaces each folder that is not a light field itself, or only by one of its files or a pair,
+    by the light fields in it and in its folders, in order of name. Also returns the number of other
+    pictures there.
 
-    A path that is neither is kept: opening it reports the error. Single pictures in a folder are
-    ignored.
+    A path that is neither is kept: opening it reports the error.
     """
-    scenes: list[Path] = []
+    scenes = list[Path]()
+    others = 0
     for path in paths:
+        known = None
         with contextlib.suppress(UserError):
-            if packed(path, settings) is not None:
-                scenes.append(path)
-                continue
-        inside: list[Path] = []
-        own = _light_field_at(path, settings)
-        if is_dir(path) and (own is None or len(own.files) == 1):
-            with contextlib.suppress(OSError):
-                inside = sorted(path.iterdir())[:1000]
-        sources = {
-            entry: _light_field_at(entry, settings)
-            for entry in inside
-            if not entry.name.startswith(".")
-        }
-        fields = [
-            entry
-            for entry, source in sources.items()
-            if source is not None and source.rows * source.cols > 1
-        ]
-        if own is not None and len(own.playlist) > 1 and is_dir(path):
-            scenes += own.playlist
+            known = packed(path, settings)
+        found, more = ([path], 0) if known is not None else _scenes_in(path, settings, DEPTH)
+        scenes += found or [path]
+        others += more
+    return scenes, others
+
+
+def _scenes_in(path: Path, settings: Scene, depth: int) -> tuple[list[Path], int]:
+    """The light fields at a path, none if there is none, and the number of other pictures."""
+    own = _light_field_at(path, settings)
+    fields, entries = list[Path](), list[Path]()
+    if depth and (own is None or len(own.files) <= 2) and is_dir(path):
+        with contextlib.suppress(OSError):
+            entries = sorted(path.iterdir(), key=lambda entry: natural(entry.name))[:MAX_ENTRIES]
+    used = set[Path]()  # the second pictures of pairs, too, and the folders of both
+    others = 0
+    for entry in (*(own.playlist if own else ()), *entries):
+        if entry.name.startswith(".") or entry in used:
             continue
-        scenes += [path] if not fields or (own is not None and len(fields) == 1) else fields
-    return scenes
+        if is_dir(entry):
+            found, more = _scenes_in(entry, settings, depth - 1)
+            fields, others = fields + found, others + more
+        elif (source := _light_field_at(entry, settings)) is None:
+            others += is_picture(entry)
+        else:
+            fields.append(entry)
+            used.update(source.files, (file.parent for file in source.files))
+    return ([path] if own is not None and len(fields) < 2 else fields), others
 
 
 def _light_field_at(path: Path, settings: Scene) -> SceneSource | None:
     """The light field at path; None if there is none."""
     with contextlib.suppress(UserError):
-        return layouts.describe(path, settings)
+        source = layouts.describe(path, settings)
+        return source if source.rows * source.cols > 1 else None
     return None
 
 

@@ -8,8 +8,9 @@ at all) or a UserError (with a remedy); either changes nothing.
 
 import logging
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from types import MappingProxyType
 from typing import Any, Protocol
 
 import attrs
@@ -130,18 +131,23 @@ def _pictures(state: SessionState, message: Message, t_ns: int) -> Reply:
 
 def _load(state: SessionState, message: Message, _t_ns: int) -> Reply:
     at = _place(state, message)
-    scene = message.get("scene") if at is None or "scene" in message else state.options.playlist[at]
+    playlist = state.options.playlist
+    scene = message.get("scene") if at is None or "scene" in message else playlist[at]
     if not isinstance(scene, str) or not _absolute(scene):
         raise BadMessage(
             "load needs the absolute path of a scene, or an index `at` or a `step` in the playlist"
         )
     if not state.options.show:
         raise UserError("the session shows no pictures", "start one that does: `lfpipe up SCENE`")
+    scenes = [scene]
+    if at is not None and (step := message.get("step")):  # on to the next one that can be opened
+        order = playlist[at:] + playlist[:at] if step > 0 else playlist[at::-1] + playlist[:at:-1]
+        scenes = [path for path in order if path not in state.options.unusable] or [scene]
     how = {f"scene.{key}": message[key] for key in ("layout", "grid") if key in message}
     settings = config_module.updated(state.config, how).scene
     return Reply(
         load=PackerRequest(
-            scenes=[scene], settings=settings, expand=at is None, remember=True, scorer=SCORER
+            scenes=scenes, settings=settings, expand=at is None, remember=True, scorer=SCORER
         )
     )
 
@@ -298,17 +304,20 @@ def has_eyes(state: SessionState) -> bool:
 
 
 def on_load(
-    state: SessionState, message: Message, scene: SceneSummary, scenes: tuple[str, ...] = ()
+    state: SessionState,
+    scene: SceneSummary,
+    scenes: Sequence[str],
+    unusable: Mapping[str, str] = MappingProxyType({}),
 ) -> Reply:
-    """The reply to a request for a scene that can be shown now. scenes: for a folder of light
-    fields, its content, which is the new playlist. Raises like `respond`.
+    """The reply to a request for a scene that can be shown now, the first of scenes: a folder of
+    light fields is the new playlist; another scene that is not in the playlist begins it. unusable:
+    those that cannot be opened, and why.
     """
-    new = (
-        state.loaded(scene, 0, scenes)
-        if len(scenes) > 1
-        else state.loaded(scene, _place(state, message))
-    )
-    return Reply(answer={"pack": scene.pack}, state=new)
+    playlist = state.options.playlist
+    if not set(scenes) <= {*playlist}:
+        playlist = tuple(scenes) if len(scenes) > 1 else (scenes[0], *playlist)
+    new = state.loaded(scene, playlist.index(scenes[0]), playlist)
+    return Reply(answer={"pack": scene.pack}, state=new.without(unusable, scenes[0]))
 
 
 def on_complete(state: SessionState, scene: SceneSummary) -> SessionState:

@@ -2,8 +2,7 @@
 scene.
 """
 
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Mapping
 
 import attrs
 
@@ -26,8 +25,12 @@ class SceneEvent:
     """The request for the scene; None for the scene on the screen."""
     scene: SceneSummary | Exception
     """The scene, ready to be shown, or the error."""
-    scenes: tuple[str, ...] = ()
+    scenes: list[str] = attrs.field(factory=list)
     """The light fields in the requested path; the scene is the first."""
+    unusable: Mapping[str, str] = attrs.field(factory=dict)
+    """Those that cannot be opened, and why."""
+    note: str = ""
+    """What a person should know about the rest of a folder."""
 
 
 class _Load:
@@ -50,7 +53,7 @@ class _Load:
         self._send(
             {
                 "cmd": "loading",
-                "scene": Path(self.packing.subject).name[:200],
+                "scene": (self.packing.scenes or [self.packing.subject])[0],
                 "step": step,
                 "share": 1.0 if end else self.packing.share,
                 "shown": self.request is None,
@@ -59,14 +62,18 @@ class _Load:
 
     def event(self) -> SceneEvent | None:
         """The event, if the packer has ended or a wanted scene can be shown."""
-        scenes = tuple(map(str, self.packing.scenes))
-        if self.packing.done:
+        packing = self.packing
+        scene: SceneSummary | Exception | None = packing.views if self.request else None
+        if packing.done:
             try:
-                return SceneEvent(self.request, self.packing.summary(), scenes)
+                scene = packing.summary()
             except Exception as error:  # the client's answer
-                return SceneEvent(self.request, error)
-        views = self.packing.views
-        return SceneEvent(self.request, views, scenes) if self.request and views else None
+                scene = error
+                for path in packing.scenes[:1]:  # the packer may have crashed
+                    packing.unusable.setdefault(path, str(error).partition("\n")[0])
+        if scene is None:
+            return None
+        return SceneEvent(self.request, scene, packing.scenes, packing.unusable, packing.note)
 
 
 class SceneLoads:

@@ -66,8 +66,8 @@ INTERNAL = {
 }
 REPLACED = {
     "ok": False,
-    "error": "superseded by a newer load request",
-    "remedy": "load it again",
+    "error": "another scene was asked for in the meantime",
+    "remedy": "",
     "replaced": True,
 }
 
@@ -517,10 +517,15 @@ class LiveSession:
                 self._apply(on_complete(self.state, event.scene))
 
     def _loaded(self, event: SceneEvent) -> Reply:
-        if isinstance(event.scene, Exception):
-            raise event.scene
         assert event.request is not None
-        return on_load(self.state, event.request.message, event.scene, event.scenes)
+        message, known = event.request.message, self.state.options.unusable
+        if isinstance(event.scene, Exception):
+            self._apply(self.state.changed().without(event.unusable))
+            if "step" in message and not event.unusable.keys() <= known.keys():
+                return respond(self.state, message, now_ns())
+            raise event.scene
+        reply = on_load(self.state, event.scene, event.scenes, event.unusable)
+        return attrs.evolve(reply, answer={**reply.answer, "note": event.note})
 
     def _deliver(self) -> None:
         """Sends a new state to the stages, and the answers that waited for them."""

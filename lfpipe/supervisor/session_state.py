@@ -201,6 +201,11 @@ class SessionState:
         )
         return attrs.evolve(new, zero_planes_px=zero_planes_px)
 
+    def without(self, unusable: Mapping[str, str], but: str = "") -> SessionState:
+        """With scenes that cannot be opened, and why; but: one that can. Same revision."""
+        known = {**self.options.unusable, **unusable}
+        return self._with(unusable={path: why for path, why in known.items() if path != but})
+
     def with_level(self, number: int) -> SessionState:
         """At another level of quality."""
         return self.changed(level=self.levels[number] if number else None)

@@ -109,7 +109,16 @@ def loader(notices: Notices, **more: object) -> tuple[SceneLoader, list[dict[str
     """A loader of a session with such options, and the requests that it makes."""
     asked: list[dict[str, object]] = []
     context = SimpleNamespace(
-        options=SimpleNamespace(**{"lock_code": "", "every_s": 0.0, "playlist_at": 0, **more}),
+        options=SimpleNamespace(
+            **{
+                "lock_code": "",
+                "every_s": 0.0,
+                "playlist": (),
+                "playlist_at": 0,
+                "unusable": {},
+                **more,
+            }
+        ),
         row={"t_face_ns": SECOND_NS},
         request=lambda word, **words: asked.append({word: words}),
     )
@@ -132,31 +141,39 @@ def test_scene_loader_of_a_locked_window_begins_with_the_first_scene_for_the_nex
 def test_scene_loader_of_a_locked_window_shows_each_scene_for_its_time() -> None:
     options = {"lock_code": "bye42", "every_s": 5.0, "playlist": ("/a", "/b"), "playlist_at": 1}
     scenes, asked = loader(Notices(), **options)
-    for second in range(200, 212):  # with nobody there, too
+    for second in range(200, 230):  # with nobody there, too
         scenes.serve(second * SECOND_NS)
-    assert asked == [{"load": {"step": 1}}]
+    assert asked == [{"load": {"step": 1}}], "the next one waits while this one is loaded"
+    scenes.handle(Answer.of({"cmd": "load", "ok": False, "error": "no other scene"}))
+    for second in range(230, 237):
+        scenes.serve(second * SECOND_NS)
+    assert asked == [{"load": {"step": 1}}] * 2
 
 
-def test_scene_loader_reports_progress() -> None:
+def test_scene_loader_reports_progress_and_what_cannot_be_opened() -> None:
     notices = Notices()
     scenes, asked = loader(notices, playlist=("/a", "/b"))
 
     def shown() -> list[str]:
-        return list(filter(None, (*notices.lines(now_ns(), []), scenes.status(now_ns()))))
+        return list(filter(None, (*notices.lines(now_ns(), []), scenes.status())))
 
     def report(scene: str, step: str) -> None:
-        scenes.report({"scene": scene, "step": step, "shown": False, "share": None})
+        scenes.report({"scene": scene, "step": step, "shown": False, "share": 0.5})
 
-    report("boxes", "views 3 of 81")
-    assert shown() == ["loading boxes, views 3 of 81"]
-    report("boxes", "")
+    report("/x/boxes", "views 3 of 6")
+    assert shown() == ["Opening boxes: reading pictures, 50 %"]
+    report("/x/boxes", "")
     assert shown() == []
     scenes.step(1)
-    report("b", "disparity 3 of 81")
-    assert shown() == ["loading b: 2 of 2, disparity 3 of 81"]
-    scenes.step(1)  # from the one that is on its way: the first, which replaces it
+    assert shown() == ["Opening ..."]
+    report("/b", "disparity 3 of 6")
+    assert shown() == ["Opening b (scene 2 of 2): measuring depth, 50 %"]
+    scenes.step(1)  # from the one that is on its way, which it replaces
     scenes.handle(Answer.of({"cmd": "load", "ok": False, "error": "replaced", "replaced": True}))
-    assert asked == [{"load": {"scene": "/b"}}, {"load": {"scene": "/a"}}]
-    report("a", "")
-    scenes.handle(Answer.of({"cmd": "load", "ok": False, "error": "/a: the folder is empty"}))
-    assert shown() == ["loading a: 1 of 2: refused\n/a: the folder is empty"]
+    assert asked == [{"load": {"step": 1}}, {"load": {"step": 2}}]
+    scenes.handle(Answer.of({"cmd": "load", "ok": True, "note": "2 scenes; 3 other pictures"}))
+    assert shown() == ["2 scenes; 3 other pictures"]
+    scenes.load(Path("/a"))
+    error = {"error": "/home/x/a: the folder is empty", "remedy": "use --set scene.force=true"}
+    scenes.handle(Answer.of({"cmd": "load", "ok": False, **error}))
+    assert shown()[-1] == "a: the folder is empty."

@@ -8,6 +8,7 @@ from contextlib import closing
 from functools import partial
 from pathlib import Path
 
+import attrs
 import numpy as np
 import psutil
 import pytest
@@ -70,7 +71,21 @@ def test_a_folder_of_scenes_stands_for_them(folder: Path, scene_config: config.S
     assert isinstance(request, PackerRequest)
     packing, summary = pack_until_shown(request, None, complete=False)
     packing.close()
-    assert packing.scenes == [folder, folder.parent / "scene2"] and summary.rows == 3
+    assert packing.scenes == [str(folder), str(folder.parent / "scene2")] and summary.rows == 3
+
+
+def test_a_scene_that_cannot_be_opened_does_not_stop_a_playlist(
+    folder: Path, scene_config: config.Scene
+) -> None:
+    bad = folder.parent / "bad.mpo"
+    bad.write_bytes(b"\xff\xd8\xff")
+    request = PackerRequest(scenes=[bad, folder], settings=scene_config)
+    packing, summary = pack_until_shown(request, None, complete=False)
+    packing.close()
+    assert summary.name == folder.name and packing.scenes == [str(folder), str(bad)]
+    assert "bad.mpo" in packing.unusable[str(bad)]
+    with pytest.raises(UserError, match=r"bad\.mpo"):
+        pack_until_shown(attrs.evolve(request, scenes=[bad, bad]), None, complete=False)
 
 
 def test_a_killed_packer_leaves_a_pack_that_the_next_completes(

@@ -138,8 +138,8 @@ def test_several_pairs_are_a_playlist_of_their_left_pictures(
         made.write(tmp_path / right.format(number), np.roll(RIGHT, 9 * number, 1))
     source = layouts.describe(tmp_path, AUTO)
     assert source.layout == "stereo" and any("all 3 pairs" in note for note in source.notes)
-    scenes = playlist([tmp_path], AUTO)
-    assert scenes == [tmp_path / left.format(number) for number in range(3)]
+    scenes, others = playlist([tmp_path], AUTO)
+    assert others == 0 and scenes == [tmp_path / left.format(number) for number in range(3)]
     for number, path in enumerate(scenes):
         source = layouts.describe(path, AUTO)
         assert (source.layout, source.cols, source.path) == ("stereo", 2, path)

@@ -77,7 +77,7 @@ def test_a_card_of_pairs_and_their_flat_twins_is_a_playlist_of_pairs(tmp_path: P
         layouts.describe(tmp_path, AUTO)
     assert str(tmp_path / "HNI_0000.MPO") in refused.value.remedy
     shown = [tmp_path / f"HNI_{number:04d}.MPO" for number in range(3)]
-    assert playlist([tmp_path], AUTO) == shown
+    assert playlist([tmp_path], AUTO) == (shown, 3)
 
 
 BESIDE, ABOVE, INTERLEAVED, LEFT_FIRST, HALF_WIDTH = 2, 3, 1, 4, 2

@@ -9,7 +9,7 @@ import attrs
 import pytest
 from hypothesis import given
 
-from lfpipe.config import Config, Scene, SceneSummary, updated
+from lfpipe.config import Config, Scene, updated
 from lfpipe.config.modes import CameraViewer, MouseViewer, NoViewer, Window
 from lfpipe.errors import UserError
 from lfpipe.scene.open_scene import PackerRequest
@@ -218,27 +218,40 @@ def test_respond_refusals_are_short(
 
 
 @pytest.mark.parametrize(
-    ("words", "path"),
+    ("words", "paths"),
     [
-        ({"scene": "/x"}, "/x"),
-        ({"scene": "/b"}, "/b"),
-        ({"at": 0}, "/a"),
-        ({"at": 2}, "/c"),
-        ({"step": 1}, "/a"),
-        ({"step": -1}, "/b"),
-        ({"step": -3}, "/c"),
-        ({"scene": "/x", "at": 1}, "/x"),
+        ({"scene": "/x"}, ["/x"]),
+        ({"scene": "/b"}, ["/b"]),
+        ({"at": 0}, ["/a"]),
+        ({"at": 2}, ["/c"]),
+        ({"step": 1}, ["/a", "/b", "/c"]),
+        ({"step": -1}, ["/b", "/a", "/c"]),
+        ({"step": -3}, ["/c", "/b", "/a"]),
+        ({"scene": "/x", "at": 1}, ["/x"]),
     ],
 )
-def test_respond_load_takes_a_path_a_number_or_a_step(words: Message, path: str) -> None:
+def test_respond_load_takes_a_path_a_number_or_a_step(words: Message, paths: list[str]) -> None:
     cases: tuple[dict[str, Any], ...] = ({}, {"layout": "quilt", "grid": "4x8"})
     for settings_ in cases:
         reply = respond(made_state(**LIST), {"cmd": "load", **words, **settings_}, 0)
         settings = Scene(**settings_)
         asked = PackerRequest(
-            scenes=[path], settings=settings, expand=path == "/x", remember=True, scorer=SCORER
+            scenes=paths, settings=settings, expand=paths == ["/x"], remember=True, scorer=SCORER
         )
         assert reply == Reply(load=asked)
+
+
+def test_a_step_leaves_out_what_cannot_be_opened_and_a_path_tries_it_again() -> None:
+    state = made_state(**LIST, unusable={"/a": "empty"})
+    reply = respond(state, {"cmd": "load", "step": 1}, 0)
+    assert reply.load is not None and reply.load.scenes == ("/b", "/c")
+    opened = on_load(state, SCENE, ["/b", "/c"], {"/d": "damaged"}).state
+    assert opened is not None and opened.options.playlist_at == 1
+    assert opened.options.unusable == {"/a": "empty", "/d": "damaged"}
+    again = respond(opened, {"cmd": "load", "scene": "/a"}, 0)
+    assert again.load is not None and again.load.scenes == ("/a",)
+    repaired = on_load(opened, SCENE, ["/a"]).state
+    assert repaired is not None and repaired.options.unusable == {"/d": "damaged"}
 
 
 def test_the_stage_that_opens_a_file_executes_the_request() -> None:
@@ -266,21 +279,27 @@ def test_the_stage_that_opens_a_file_executes_the_request() -> None:
 @pytest.mark.parametrize(
     ("options", "message", "result", "answer", "changed"),  # result: of the packer
     [
-        (LIST, {"cmd": "load", "scene": "/b"}, SCENE, {"pack": SCENE.pack}, {"playlist_at": 1}),
-        (LIST, {"cmd": "load", "step": 1}, SCENE, {"pack": SCENE.pack}, {"playlist_at": 0}),
-        (LIST, {"cmd": "load", "scene": "/x"}, SCENE, {"pack": SCENE.pack}, {"playlist_at": 2}),
+        (LIST, {"cmd": "load", "scene": "/b"}, ["/b"], {"pack": SCENE.pack}, {"playlist_at": 1}),
+        (LIST, {"cmd": "load", "step": 1}, ["/a", "/b"], {"pack": SCENE.pack}, {"playlist_at": 0}),
+        (
+            LIST,
+            {"cmd": "load", "scene": "/x"},
+            ["/x"],
+            {"pack": SCENE.pack},
+            {"playlist": ("/x", *LIST["playlist"]), "playlist_at": 0},
+        ),
         ({"timeline": "/t"}, {"cmd": "trace", "path": ""}, None, {"path": "/t"}, {"timeline": ""}),
     ],
 )
 def test_respond_changes_the_option_that_is_named(
     options: Message,
     message: Message,
-    result: SceneSummary | None,
+    result: list[str] | None,
     answer: Message,
     changed: Message,
 ) -> None:
     state = made_state(**options)
-    reply = respond(state, message, 0) if result is None else on_load(state, message, result)
+    reply = respond(state, message, 0) if result is None else on_load(state, SCENE, result)
     assert reply.answer == answer and reply.state is not None
     after, before = attrs.asdict(reply.state.options), attrs.asdict(state.options)
     assert {key: after[key] for key in changed} == changed
@@ -301,7 +320,7 @@ def test_only_the_window_applies_a_measured_focal_length() -> None:
 
 def test_on_load_takes_the_scenes_of_a_folder_as_the_playlist() -> None:
     state = made_state(playlist=("/a", "/b", "/c"), playlist_at=2)
-    reply = on_load(state, {"cmd": "load", "scene": "/d"}, SCENE, ("/d/one", "/d/two"))
+    reply = on_load(state, SCENE, ["/d/one", "/d/two"])
     assert reply.state is not None
     assert reply.state.options.playlist == ("/d/one", "/d/two")
     assert reply.state.options.playlist_at == 0

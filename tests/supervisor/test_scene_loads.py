@@ -87,7 +87,7 @@ def test_scene_loads_open_a_folder_of_scenes_at_its_first(
     scenes = [write_scene(tmp_path / "scenes" / name, 2, 2) for name in ("amber", "birch")]
     loads.want(CLIENT, attrs.evolve(wanted(tmp_path / "scenes", settings), expand=True))
     first = events(loads)[0]
-    assert first.scenes == tuple(map(str, scenes))
+    assert first.scenes == list(map(str, scenes))
     assert isinstance(first.scene, SceneSummary) and first.scene.name == "amber"
 
 

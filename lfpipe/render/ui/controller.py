@@ -206,7 +206,7 @@ class Ui:
         if self._waiting is not None and self.page is None:
             self.open_page(self._waiting)
         standing = [
-            self.scenes.status(t_ns),
+            self.scenes.status(),
             *standing_notices(self.context, self._display.knows_rows),
         ]
         page = self.page.overlay(t_ns) if self.page else Overlay()

@@ -1,6 +1,8 @@
 """Notices over the picture, and the lines of key o: rates, latency, depth and the views on show."""
 
+import re
 from functools import partial
+from pathlib import Path
 
 from lfpipe.config import Render
 from lfpipe.config.modes import CameraViewer, MouseViewer, NoViewer, Window
@@ -17,6 +19,7 @@ from lfpipe.transport.context import Context
 from lfpipe.transport.histogram import summary_ms
 from lfpipe.transport.status import State, rate_hz
 
+COMMAND = re.compile(r"`|--|lfpipe |\b[a-z]+\.[a-z_]+=|/")  # of a terminal
 SHOWN_NS = 2 * SECOND_NS  # reading a line takes 1 s
 ASKED_NS = 8 * SECOND_NS  # how long the question about depth stays
 DRAG = "put on the glasses, and drag over the picture to look around"
@@ -76,6 +79,17 @@ class Notices:
         """The lines to show at t_ns. standing: those that stay while they are true."""
         passing = [text for text, end_ns in self._passing.values() if end_ns > t_ns]
         return tuple(dict.fromkeys(filter(None, (*passing, *standing))))
+
+
+def for_window(error: str, remedy: str) -> str:
+    """An error and its remedy in the window: without paths and commands of a terminal."""
+    text, *_ = error.replace(str(Path.home()), "~").splitlines()
+    if text.startswith(("/", "~")):
+        path, _, text = text.partition(": ")
+        text = f"{Path(path).name}: {text}"
+    else:
+        text = f"{text[:1].upper()}{text[1:]}"
+    return f"{text}." if COMMAND.search(remedy) else f"{text}: {remedy}.".replace(": .", ".")
 
 
 def status_lines(context: Context, viewer: Viewer) -> tuple[str, ...]:

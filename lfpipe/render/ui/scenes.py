@@ -6,7 +6,6 @@ replaces the first.
 """
 
 import contextlib
-import textwrap
 from functools import partial
 from pathlib import Path
 
@@ -20,11 +19,11 @@ from lfpipe.files.decoding import fit_area
 from lfpipe.host.files import exists
 from lfpipe.render.display.display import Event, Item, Menu, Overlay
 from lfpipe.render.ui.files import Files
-from lfpipe.render.ui.notices import Notices, viewer_kind
+from lfpipe.render.ui.notices import Notices, for_window, viewer_kind
 from lfpipe.render.ui.pages import Page
 from lfpipe.scene.cache import cache_dir, packed
 from lfpipe.scene.recent_scenes import forget_scene
-from lfpipe.transport.clock import SECOND_NS, now_ns
+from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.context import Context
 from lfpipe.transport.control import Answer, Message
 from lfpipe.transport.ring import Reader
@@ -32,9 +31,7 @@ from lfpipe.transport.ring import Reader
 ALONE_NS = 60 * SECOND_NS  # then the visitor is assumed to have left
 NO_OTHER = "there is no other scene: press l, or drop a folder of views onto the window"
 # of a refusal in the picture; lines of the reason, and of the remedy
-REFUSED_NS = 6 * SECOND_NS
-LINE_CHARS = 60
-MAX_LINES = 5
+REFUSED_NS = NOTES_NS = 6 * SECOND_NS
 # between two pictures of the camera: a motion is visible, and the scene keeps its rate
 CAMERA_NS = SECOND_NS // 5
 THUMBNAILS = Path(__file__).parent / "thumbnails"  # by tools.make_docs_pictures
@@ -56,90 +53,72 @@ class SceneLoader:
     def __init__(self, context: Context, notices: Notices) -> None:
         self._context = context
         self._notices = notices
-        # the scene requested last that is not loaded yet
-        self._asked = ""
-        self._asked_ns = 0
-        # name and progress of the scene being loaded for any client
-        self._loading = ""
-        self._step = ""
+        self._steps = 0
+        self._opening = ""  # what is being loaded for any client, and what is done with it
         self.progress: float | None = None
         self.working = ""
+        self._unusable = context.options.unusable
         self._first_due_ns = 0
         self._shown_at, self._shown_ns = -1, 0  # scene of the playlist, and since when
 
     def step(self, step: int) -> None:
         """Requests the scene of the playlist that many steps from the one requested last."""
-        scenes = self._context.options.playlist
-        if len(scenes) < 2:
+        if len(self._context.options.playlist) < 2:
             self._notices.show("scene", NO_OTHER)
             return
-        at = (
-            scenes.index(self._asked)
-            if self._asked in scenes
-            else self._context.options.playlist_at
-        )
-        self.load(Path(scenes[(at + step) % len(scenes)]))
+        self._opening = self._opening or "Opening ..."
+        self._steps += step  # since a scene was shown
+        self._context.request("load", step=self._steps)
 
     def load(self, scene: Path) -> None:
         """Requests the scene at a path, instead of one requested before."""
+        self._opening = f"Opening {scene.name} ..."
         self._context.request("load", scene=str(scene))
-        self._asked = str(scene)
-        self._asked_ns = now_ns()
 
     def handle(self, answer: Answer) -> None:
-        """Handles the answer to a request: the picture shows a refusal for a while."""
+        """Handles the answer to a request."""
         if answer.values.get("replaced"):
             return
+        if answer.cmd == "load":
+            self._opening, self._steps = "", 0
         if not answer.ok:
             self.refuse(answer.error, answer.remedy)
-        if answer.cmd == "load":
-            self._asked = ""
+        elif note := answer.values.get("note"):
+            self._notices.show("note", note, NOTES_NS)
 
     def refuse(self, error: str, remedy: str) -> None:
         """Shows a refusal for a while."""
-        lines = [f"{self._what()}: refused".removeprefix(": ")]
-        for text in (error, remedy):
-            lines += textwrap.wrap(text, LINE_CHARS)[:MAX_LINES]
-        self._notices.show("refused", "\n".join(lines), REFUSED_NS)
+        self._notices.show("refused", for_window(error, remedy), REFUSED_NS)
 
     def report(self, news: Message) -> None:
         """Sets the progress of a load requested by any client, or of the scene on the screen."""
-        self._loading, self._step = ("", "") if news["shown"] else (news["scene"], news["step"])
-        self.progress = news["share"] if news["shown"] and news["step"] else None
-        self.working = ""
-        if self.progress is not None:
-            word, *_ = news["step"].split(" ")
-            self.working = f"{WORK.get(word, news['step'])}, {100 * self.progress:.0f} %"
+        word, *_ = news["step"].split(" ")
+        step = f"{WORK.get(word, news['step'])}, {100 * (news['share'] or 0):.0f} %" if word else ""
+        if news["shown"]:
+            self.working, self.progress = step, news["share"] if word else None
+            return
+        scenes, scene = self._context.options.playlist, news["scene"]
+        place = f" (scene {scenes.index(scene) + 1} of {len(scenes)})" if scene in scenes else ""
+        self._opening = f"Opening {Path(scene).name}{place}: {step}" if step else ""
 
-    def _what(self) -> str:
-        scenes = self._context.options.playlist
-        if self._asked:
-            place = (
-                f": {scenes.index(self._asked) + 1} of {len(scenes)}"
-                if self._asked in scenes
-                else ""
-            )
-            return f"loading {Path(self._asked).name}{place}"
-        return f"loading {self._loading}" if self._step else ""
-
-    def status(self, t_ns: int) -> str:
-        """What is being loaded, its progress and time; "" for nothing."""
-        waited_s = (t_ns - self._asked_ns) // SECOND_NS if self._asked else 0
-        return ", ".join(
-            filter(None, [self._what(), self._step, f"{waited_s} s" if waited_s else ""])
-        )
+    def status(self) -> str:
+        """What is being loaded; "" for nothing."""
+        return self._opening
 
     def serve(self, t_ns: int) -> None:
-        """In a locked window, requests the next scene in time, or the first one for the next
-        visitor.
+        """Says which scenes cannot be opened. In a locked window, requests the next scene in time,
+        or the first one for the next visitor.
         """
         options = self._context.options
-        if options.playlist_at != self._shown_at:
+        for path in options.unusable.keys() - self._unusable.keys():
+            self._notices.show("unusable", f"{Path(path).name}: {options.unusable[path]}", NOTES_NS)
+        self._unusable = options.unusable
+        if self._opening or options.playlist_at != self._shown_at:
             self._shown_at, self._shown_ns = options.playlist_at, t_ns
         if options.every_s and len(options.playlist) > 1:
             if t_ns - self._shown_ns > options.every_s * SECOND_NS:
-                self._shown_ns = t_ns  # it may need packing first
-                self._context.request("load", step=1)
+                self._shown_ns = t_ns
+                self.step(1)
             return
         alone_ns = t_ns - int(self._context.row["t_face_ns"])
         if (

@@ -184,7 +184,10 @@ def unread_depth(path: Path) -> str:
     stated = _coded_depth(data) is not None
     items = _items(_xmp(data))
     at = 2
-    while data[at : at + 1] == b"\xff" and data[at + 1] != 0xDA:  # to the start of the scan
+    while (mark := data[at : at + 2])[:1] == b"\xff" and mark not in (
+        b"\xff",
+        b"\xff\xda",
+    ):  # to the start of the scan
         at += 2 + int.from_bytes(data[at + 2 : at + 4])
     behind = data[data.find(b"\xff\xd9", at) :] if data.startswith(b"\xff\xd8") else b""
     second = _PICTURE.search(behind[:_BEHIND_BYTES]) and not items and not open_header(path).beside
