@@ -87,8 +87,11 @@ def test_page_in_a_browser_moves_charts_and_takes_controls(
                 f" Event('{event}')); }})()"
             )
 
+        wear = "document.getElementById('wear')"
+        assert browser.ask(f"{wear}.textContent") == "Put on red/cyan glasses, red on the left."
         turn("anaglyph", "mono", "change")
-        until(lambda: world.monitor()["config"]["render"]["anaglyph"] == "mono", "other mode")
+        until(lambda: browser.ask(f"{wear}.hidden"), "nothing to put on")
+        assert world.monitor()["config"]["render"]["anaglyph"] == "mono"
         before = len(world.lines())
         turn("zero", 1.5, "input")
         until(
@@ -99,6 +102,16 @@ def test_page_in_a_browser_moves_charts_and_takes_controls(
         until(lambda: browser.ask("window.lfpipe.last.paused"), "pause")
         browser.click("#pause")
         until(lambda: browser.ask("!window.lfpipe.last.paused"), "going on")
+        for hidden in (False, True):
+            browser.click("#record")
+            until(
+                lambda hidden=hidden: browser.ask(
+                    "document.getElementById('recording').hidden === "
+                    f"{json.dumps(hidden)} && document.getElementById('record').ariaBusy"
+                    " === 'false'"
+                ),
+                "dot of a recording, and its end",
+            )
         browser.click("#recentre")
         world.pictures(before + 10)
         world.ctl("stop")
@@ -114,9 +127,6 @@ def test_page_in_a_browser_moves_charts_and_takes_controls(
             "session that returned",
         )
         assert server.ask("POST", "/ctl", {"cmd": "recentre"})[0] == 200
-
-
-SHOWN = "[...document.querySelectorAll('*')].filter((one) => one.offsetParent)"
 
 
 def test_place_px_agrees_with_the_view_solver() -> None:

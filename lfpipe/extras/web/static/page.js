@@ -19,7 +19,7 @@ const ms = (value) => value === null || value === undefined ? "" : `${value.toFi
 function makeLatency(names) {
   const newest = (plot, at, k) => ms(at === null ? plot.data[k][plot.data[k].length - 1] : at); // for the legend, also without a pointer
   const line = (name) => ({ label: name === "age" ? "age of pictures" : `${name} wait + busy`, value: newest, stroke: () => inkOf(name), width: name === "age" ? 2 : 1.2, points: { show: false } });
-  const series = [{ label: "session time, s", value: (_, at) => at === null ? "" : at.toFixed(1) }, ...names.map(line)];
+  const series = [{ label: "session time, s", value: (plot, at) => (at === null ? plot.data[0][plot.data[0].length - 1] : at)?.toFixed(1) ?? "" }, ...names.map(line)];
   const options = { width: wide($("latency")), height: 220, series, scales: { x: { time: false } }, axes: [{ ...axis, label: "session time, s", labelSize: 22, stroke: () => ink("dim") },
     { ...axis, label: "ms", labelSize: 22 }] };
   return new uPlot(options, [[], ...names.map(() => [])], $("latency"));
@@ -63,13 +63,31 @@ let held = "", heldUntil = 0;
 const hold = (id) => { held = id; heldUntil = performance.now() + 1500; };
 const free = (id) => held !== id || performance.now() > heldUntil;
 
+let noted = 0;
+function note(text) {
+  clearTimeout(noted);
+  $("note").textContent = text;
+  noted = setTimeout(() => { $("note").textContent = ""; }, 20000); // longer than any answer takes
+}
+
 async function command(message) {
   try {
     const answer = await fetch("ctl", { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(message) });
     const reply = await answer.json();
     const said = Object.values(reply.stages || {}).map((stage) => stage.text || "").join("");
-    $("note").textContent = reply.ok ? said : reply.error + (reply.remedy ? ` (${reply.remedy})` : "");
-  } catch { $("note").textContent = "the monitor has ended"; }
+    note(reply.ok ? said : reply.error + (reply.remedy ? ` (${reply.remedy})` : ""));
+    return reply.ok;
+  } catch { note("The monitor has ended"); }
+  return false;
+}
+
+// A control is busy until the session has answered and the value that it changes, if any, is another one.
+async function press(control, message, value = () => null) {
+  const before = value(), end = performance.now() + 5000;
+  control.ariaBusy = "true";
+  if (await command(message))
+    while (before !== null && value() === before && performance.now() < end) await new Promise((done) => setTimeout(done, PERIOD_MS));
+  control.ariaBusy = "false";
 }
 
 let waiting = null, busy = false; // the newest setting, and whether a request is running: sliders move faster than sessions answer
@@ -104,6 +122,11 @@ const GLASSES = {
 };
 $("anaglyph").replaceChildren(...Object.entries(GLASSES).map(([value, text]) => new Option(text, value)));
 
+function load(control, at) {
+  note(`Opening ${page.last.playlist[at]} ...`);
+  press(control, { cmd: "load", at });
+}
+
 function showScenes(sample) {
   const scenes = sample.playlist || [], at = sample.playlist_at;
   for (const place of document.querySelectorAll("[data-scene]")) place.textContent = sample.scene || "";
@@ -116,7 +139,9 @@ function showScenes(sample) {
 function show(sample) {
   const render = sample.config && sample.config.render;
   if (!render) return;
-  $("glasses").textContent = GLASSES[render.anaglyph];
+  const glasses = GLASSES[render.anaglyph].split(",")[0], first = glasses.split("/")[0]; // in front of the left eye
+  $("wear").hidden = !glasses.includes("/");
+  $("wear").textContent = `Put on ${glasses}, ${first} on the ${render.swap_eyes ? "right" : "left"}.`;
   for (const key of ["anaglyph", "method"]) if (free(key)) $(key).value = render[key];
   if (free("depth")) $("depth").value = render.depth;
   if (sample.depth_px && free("zero")) [$("zero").min, $("zero").max, $("zero").step] = [sample.depth_px[0], sample.depth_px[1], sample.depth_px[2] / 5];
@@ -145,21 +170,22 @@ range("zero", "render.zero_plane_px", (v) => `${v.toFixed(2)} px/view`);
 range("ghost", "render.ghost_compensation", (v) => `${v.toFixed(0)} %`);
 range("alpha", "render.alpha_px", (v) => `${v.toFixed(1)} px/view`, alphaOf);
 for (const key of ["anaglyph", "method"]) $(key).addEventListener("change", () => { hold(key); set(`render.${key}`, $(key).value); });
-$("scene").addEventListener("change", () => { hold("scene"); command({ cmd: "load", at: $("scene").selectedIndex }); });
+$("scene").addEventListener("change", () => { hold("scene"); load($("scene"), $("scene").selectedIndex); });
 $("alpha_auto").addEventListener("change", () => {
   hold("alpha");
   set("render.alpha_px", $("alpha_auto").checked ? "auto" : alphaOf($("alpha").value));
 });
-for (const word of ["recentre", "reset"]) $(word).addEventListener("click", () => command({ cmd: word }));
-for (const [id, name] of [["record", "record"], ["screenshot", "screenshot"], ["glasses_test", "glasses"]])
-  $(id).addEventListener("click", () => command({ cmd: "action", name }));
-$("pause").addEventListener("click", () => command({ cmd: $("pause").textContent.toLowerCase() }));
+for (const word of ["recentre", "reset"]) $(word).addEventListener("click", () => press($(word), { cmd: word }));
+for (const [id, name] of [["screenshot", "screenshot"], ["glasses_test", "glasses"]])
+  $(id).addEventListener("click", () => press($(id), { cmd: "action", name }));
+$("record").addEventListener("click", () => press($("record"), { cmd: "action", name: "record" }, () => page.last.recording));
+$("pause").addEventListener("click", () => press($("pause"), { cmd: $("pause").textContent.toLowerCase() }, () => page.last.paused));
 $("depth").addEventListener("input", () => { hold("depth"); set("render.alpha_px", "auto"); set("render.depth", Number($("depth").value)); });
-$("swap").addEventListener("click", () => set("render.swap_eyes", !page.last.config.render.swap_eyes));
-$("near").addEventListener("click", () => set("scene.invert_depth", page.last.depth_inverted ? "no" : "yes"));
-const step = (by) => command({ cmd: "load", at: (page.last.playlist_at + by + page.last.playlist.length) % page.last.playlist.length });
-$("previous").addEventListener("click", () => step(-1));
-$("next").addEventListener("click", () => step(1));
+const pressSet = (id, key, value) => press($(id), { cmd: "set", set: { [key]: value } });
+$("swap").addEventListener("click", () => pressSet("swap", "render.swap_eyes", !page.last.config.render.swap_eyes));
+$("near").addEventListener("click", () => pressSet("near", "scene.invert_depth", page.last.depth_inverted ? "no" : "yes"));
+for (const [id, by] of [["previous", -1], ["next", 1]])
+  $(id).addEventListener("click", () => load($(id), (page.last.playlist_at + by + page.last.playlist.length) % page.last.playlist.length));
 $("class").hidden = !$("code").getAttribute("src"); // an address of this machine alone is for nobody else
 $("full").addEventListener("click", () => document.querySelector(".screen").requestFullscreen());
 $("numbers").addEventListener("toggle", fit);
@@ -167,24 +193,39 @@ $("numbers").addEventListener("toggle", fit);
 function draw(event) {
   const sample = JSON.parse(event.data);
   page.events += 1;
+  countRecording(page.last, sample);
   page.last = sample;
   document.body.classList.toggle("ended", !sample.alive);
   document.body.classList.toggle("running", sample.alive && !sample.paused);
-  if (!sample.alive) { say("The session has ended"); $("state").textContent = "no session; waiting for one"; return; }
+  if (!sample.alive) { end("The session has ended", "no session; waiting for one"); return; }
   const minutes = Math.floor(sample.uptime_s / 60), seconds = Math.floor(sample.uptime_s % 60).toString().padStart(2, "0");
   say(`${sample.paused ? "Paused" : "Running"}, ${minutes ? `${minutes} min` : `${seconds} s`}`);
   const capture = sample.stages.capture;
   $("eyes").hidden = !capture || capture.state === "NONE" || !$("camera").src;
-  const camera = !capture || capture.state === "NONE" ? "no camera" : `camera ${sample.camera_fps.toFixed(1)} Hz`;
-  $("state").textContent = `up ${minutes}:${seconds}, ${camera}, viewer ${sample.viewer}`
-    + `${sample.paused ? ", paused" : ""}`
+  const viewer = sample.mouse ? "no camera: drag over the picture" : `camera ${sample.camera_fps.toFixed(0)} Hz, viewer ${sample.viewer}`;
+  $("state").textContent = `up ${minutes}:${seconds}, ${viewer}${sample.paused ? ", paused" : ""}`
     + `${sample.level ? `, quality lowered to ${sample.level_words} (${sample.level} of ${sample.lowest_level})` : ""}`
-    + `${sample.end_to_end.n ? `; age of pictures p50 ${sample.end_to_end.p50_ms.toFixed(1)}, p99 ${sample.end_to_end.p99_ms.toFixed(1)} ms` : ""}`
-    + `${sample.prediction.n ? `, eyes predicted by ${sample.prediction.p50_ms.toFixed(1)} ms` : ""}${sample.motion_to_photon ? `; motion to photon: ${sample.motion_to_photon}` : ""}`;
+    + `${sample.end_to_end.n ? `; age of pictures ${sample.end_to_end.p50_ms.toFixed(0)} ms (worst 1 %: ${sample.end_to_end.p99_ms.toFixed(0)})` : ""}`
+    + `${sample.prediction.n ? `, eyes predicted by ${sample.prediction.p50_ms.toFixed(0)} ms` : ""}${sample.motion_to_photon ? `; motion to photon: ${sample.motion_to_photon}` : ""}`;
   charts(sample); table(sample); show(sample);
 }
 
 function say(text) { $("short").lastElementChild.textContent = text; }
+
+function end(text, state) {
+  say(text);
+  $("waiting").textContent = text;
+  $("wear").hidden = $("recording").hidden = true;
+  $("state").textContent = state;
+}
+
+let recorded_s = 0; // pauses are not in it
+function countRecording(before, sample) {
+  const going = before && before.recording && sample.recording && !sample.paused;
+  recorded_s = !sample.recording ? 0 : recorded_s + (going ? sample.uptime_s - before.uptime_s : 0);
+  $("recording").hidden = !sample.recording;
+  $("recording").lastElementChild.textContent = `Recording ${Math.floor(recorded_s / 60)}:${Math.floor(recorded_s % 60).toString().padStart(2, "0")}`;
+}
 
 let events = null; // a hidden page does not listen
 
@@ -202,8 +243,7 @@ function connect() {
     page.last = null;
     document.body.classList.remove("running");
     document.body.classList.add("ended");
-    say("The monitor has ended");
-    $("state").textContent = "the monitor has ended; open the address that it prints when it starts again";
+    end("The monitor has ended", "open the address that it prints when it starts again");
     if (opened.readyState !== EventSource.CLOSED) return; // the browser reconnects automatically
     const answer = await fetch("events").catch(() => null); // the reason for the refusal
     if (answer && answer.ok) answer.body.cancel();
