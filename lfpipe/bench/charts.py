@@ -5,21 +5,22 @@ import html
 import importlib.util
 import io
 import math
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 from lfpipe.bench.benchmarks import Benchmark
-from lfpipe.bench.results import Results, Row, short
+from lfpipe.bench.results import Row, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-MARKERS = "osD^vPX<>h"
 # distinguishable with a colour vision deficiency
 COLOURS = ("#0072b2", "#d55e00", "#008a63", "#b1548f", "#8a6d00", "#4b4fc4", "#7a7f86")
-DEFAULT, PAPER, OTHER, INK = "#0a62d0", "#c8202f", "#7a828c", "#1b1f24"
+MAX_NAMES = 8  # of points in a chart that stay legible
 MARGIN = 1.25  # of an axis beyond the largest value
 LOGARITHMIC = 10.0  # the largest over the least value of an axis that is not linear
 TICKS = (1.0, 2.0, 5.0)  # of a decade
+LABEL_CHARS = 44  # of a line of an axis' label, as long as the axis in any font
 
 
 def has_charts() -> bool:
@@ -27,79 +28,48 @@ def has_charts() -> bool:
     return importlib.util.find_spec("matplotlib") is not None
 
 
-def chart(benchmark: Benchmark, results: Results, x: str, y: str) -> str:
-    """Two columns, a curve for each method; "" if there are no points, or without matplotlib."""
-    rows = [row for row in results.rows if row.value(x) >= 0 and row.value(y) >= 0]
+def chart(benchmark: Benchmark, rows: list[Row], x: str, y: str) -> str:
+    """Two columns, a curve for each method, with names beside the points: of all, or, of more than
+    MAX_NAMES, of the default, the paper, and of each curve at its end. "" if there are no points,
+    or without matplotlib.
+    """
+    rows = [row for row in rows if row.value(x) >= 0 and row.value(y) >= 0]
     if not rows or not has_charts():
         return ""
+    curves = {row.curve: row for row in rows}  # and the last point of each
+    names = {
+        row.name: curve if len(rows) > MAX_NAMES else row.name for curve, row in curves.items()
+    }
+    names |= {row.name: row.name for row in rows if len(rows) <= MAX_NAMES or row.used or row.paper}
 
     def draw(axes: "Axes") -> None:
-        for k, curve in enumerate(dict.fromkeys(row.curve for row in rows)):
+        for k, curve in enumerate(curves):
             points = [row for row in rows if row.curve == curve]
-            _points(axes, points, x, y, COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)], curve)
-        for label, marker, face, marked in (
-            ("the default", "s", "none", [row for row in rows if row.used]),
-            ("the paper", "*", PAPER, [row for row in rows if row.paper]),
-        ):
-            if marked:
-                axes.scatter(
-                    [row.value(x) for row in marked],
-                    [row.value(y) for row in marked],
-                    s=190,
-                    marker=marker,
-                    facecolors=face,
-                    edgecolors=INK,
-                    zorder=4,
-                    label=label,
+            axes.errorbar(
+                [row.value(x) for row in points],
+                [row.value(y) for row in points],
+                xerr=_bars(points, x),
+                yerr=_bars(points, y),
+                marker="o",
+                color=COLOURS[k % len(COLOURS)],
+                capsize=2,
+                linewidth=1,
+            )
+            for row in (one for one in points if one.name in names):
+                steps = [other.value(y) - row.value(y) for other in rows if other is not row]
+                is_above = min(steps, key=abs, default=0.0) <= 0  # away from its neighbour
+                axes.annotate(
+                    "default: " * row.used + "paper: " * row.paper + names[row.name],
+                    (row.value(x), row.value(y)),
+                    (8, 5 if is_above else -11),
+                    textcoords="offset points",
+                    color=COLOURS[k % len(COLOURS)],
+                    bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 0.5},
+                    zorder=5,  # above the bars of its neighbours
+                    fontweight="bold" if row.used or row.paper else "normal",
                 )
-        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
 
     return _image(benchmark, rows, x, y, draw)
-
-
-def first_chart(benchmark: Benchmark, rows: list[Row]) -> str:
-    """The first chart of a benchmark with the name of each method beside its point: the default,
-    the paper and the alternatives.
-    """
-    if not has_charts():
-        return ""
-    x, y = benchmark.charts[0]
-
-    def draw(axes: "Axes") -> None:
-        for row in rows:
-            steps = [other.value(y) - row.value(y) for other in rows if other is not row]
-            is_above = min(steps, key=abs, default=0.0) <= 0  # away from its neighbour
-            colour = next(
-                (one for one, it_is in ((DEFAULT, row.used), (PAPER, row.paper)) if it_is), OTHER
-            )
-            _points(axes, [row], x, y, colour, "o", "")
-            axes.annotate(
-                "default: " * row.used + "paper: " * row.paper + row.name,
-                (row.value(x), row.value(y)),
-                (8, 5 if is_above else -11),
-                textcoords="offset points",
-                color=colour,
-                fontsize=9,
-                fontweight="bold" if row.used or row.paper else "normal",
-            )
-
-    return _image(benchmark, rows, x, y, draw)
-
-
-def _points(
-    axes: "Axes", rows: list[Row], x: str, y: str, colour: str, marker: str, label: str
-) -> None:
-    axes.errorbar(
-        [row.value(x) for row in rows],
-        [row.value(y) for row in rows],
-        xerr=_bars(rows, x),
-        yerr=_bars(rows, y),
-        marker=marker,
-        color=colour,
-        label=label or None,
-        capsize=2,
-        linewidth=1,
-    )
 
 
 def _bars(rows: list[Row], key: str) -> tuple[list[float], list[float]]:
@@ -115,10 +85,9 @@ def _image(benchmark: Benchmark, rows: list[Row], x: str, y: str, draw: Any) -> 
     title = f"{benchmark.column(y).label} against {benchmark.column(x).label}"
     style: Any = {"svg.fonttype": "none", "axes.spines.top": False, "axes.spines.right": False}
     with mpl.rc_context(style):
-        figure = Figure(figsize=(9.0, 4.8), layout="constrained")
-        axes = figure.add_subplot(
-            xlabel=benchmark.column(x).axis, ylabel=benchmark.column(y).axis, title=title
-        )
+        figure = Figure(figsize=(7.5, 4.8), layout="constrained")
+        xlabel, ylabel = (fill(benchmark.column(key).axis, LABEL_CHARS) for key in (x, y))
+        axes = figure.add_subplot(xlabel=xlabel, ylabel=ylabel)
         draw(axes)
         for axis, key in (("x", x), ("y", y)):
             bounds = [(row.values[key].low, row.values[key].high) for row in rows]

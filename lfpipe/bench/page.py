@@ -125,11 +125,15 @@ def write_report(results: dict[str, Results], out: Path) -> Path:
     facts = f"{about['started']} · {about['machine']} · {wall_s:.0f} s of wall time"
     body = f"<p class=soft>{html.escape(facts)}</p>"
     body += "" if has_charts() else NO_CHARTS
-    body += next((text for pair in pairs if (text := summary(*pair))), "")
+    shown, text = next(
+        ((one.name, text) for one, results in pairs if (text := summary(one, results))), ("", "")
+    )
+    body += text
     cite = _download("cite.bib", BIBTEX.format(version=__version__), "BibTeX")
     body += f"<p>Tables below, each as CSV and LaTeX. To cite: {cite}.</p>"
     body += f"{_verdicts(pairs)}<nav>{links}</nav>"
-    body += f"{''.join(_section(*pair) for pair in pairs)}{_failures(pairs)}{HOW}{CITE}"
+    sections = (_section(*pair, charts_from=int(pair[0].name == shown)) for pair in pairs)
+    body += f"{''.join(sections)}{_failures(pairs)}{HOW}{CITE}"
     page = document("Error against run time", body)
     write_output(out / "report.html", page.encode(), label="--out")
     return out / "report.html"
@@ -181,14 +185,17 @@ def _failures(pairs: Pairs) -> str:
     return WHAT_FAILED + html_table(("where", "case", "result", "relevant"), rows)
 
 
-def _section(benchmark: Benchmark, results: Results) -> str:
+def _section(benchmark: Benchmark, results: Results, charts_from: int) -> str:
+    """charts_from: the first chart that is not in the summary."""
     text = f'<h2 id="{benchmark.name}">{html.escape(benchmark.title)}</h2>'
     text += f"<p>{html.escape(benchmark.question)}</p>"
     text += (
         f'<p class="soft">The paper: {html.escape(benchmark.paper)}.</p>' if benchmark.paper else ""
     )
     text += f"<p><code>{html.escape(results.about['command'])}</code></p>"
-    text += "".join(chart(benchmark, results, *axes) for axes in benchmark.charts)
+    text += "".join(
+        chart(benchmark, results.rows, *axes) for axes in benchmark.charts[charts_from:]
+    )
     if results.left_out:
         reasons = "".join(f"<li>{html.escape(reason)}</li>" for reason in results.left_out)
         text += f"<p>Left out:</p><ul>{reasons}</ul>"

@@ -294,10 +294,10 @@ def range_of(samples: Sequence[float]) -> Value:
 
 
 def short(value: float) -> str:
-    """A number in short form: 0.05, 3.2, 41.76, 120, 2e-06."""
+    """A number in three digits: 0.05, 3.2, 41.8, 120, 1234, 2e-06."""
     if value != 0 and not 1e-3 <= abs(value) < 1e5:
         return f"{value:.0e}"
-    return f"{value:.4g}" if abs(value) < 1000 else f"{value:.0f}"
+    return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
 
 
 def write(results: dict[str, Results], folder: Path) -> None:

@@ -11,11 +11,11 @@ a { color: inherit; }
 h2 { margin: 2.6rem 0 .3rem; border-top: 1px solid #8886; padding-top: 1.2rem; }
 p { margin: .3rem 0 .8rem; }
 .soft { opacity: .75; }
-.lead { font-size: 1.1rem; margin: 1.2rem 0 1rem; max-width: 46rem; }
+.lead { font-size: 1.1rem; margin: 1.2rem 0 1rem; }
 nav a { margin-right: .9rem; }
-img { width: 100%; min-width: 40rem; margin: .6rem 0 1rem; border-radius: 6px; background: #fff; }
+img { width: 100%; margin: .6rem 0 1rem; border-radius: 6px; background: #fff; }
 .wide { overflow-x: auto; }
-table { border-collapse: collapse; font-size: .84rem; margin: .3rem 0 1rem; }
+table { border-collapse: collapse; width: 100%; font-size: .84rem; margin: .3rem 0 1rem; }
 th, td {
   text-align: left; padding: .22rem .6rem; border-bottom: 1px solid #8886; vertical-align: top;
 }

@@ -10,7 +10,7 @@ from lfpipe.bench.benchmarks import BENCHMARKS, TABLE
 from lfpipe.bench.results import Results
 from lfpipe.cli.options import PATH, with_config
 from lfpipe.cli.plugged import Group
-from lfpipe.cli.terminal import print_result, print_table, say
+from lfpipe.cli.terminal import print_result, say
 from lfpipe.config import Config
 
 OUT = click.option(
@@ -58,8 +58,7 @@ def _command(name: str, benchmarks: tuple[str, ...], about: str) -> click.Comman
                 scene_path=scene, sequence_path=sequence, quick=quick, settings=config, progress=bar
             )
             results = measure(benchmarks, inputs, out, bar)
-        _print_tables(results, benchmarks)
-        _report(results, out)
+        _report(results, out, benchmarks)
 
     return click.command(name, help=about, short_help=about)(run)
 
@@ -105,8 +104,7 @@ def viewer(tracks: tuple[Path, ...], out: Path, quick: bool, check: bool) -> int
 
     with progress() as bar:
         results = measure(("viewer",), Inputs(quick=quick, tracks=tracks), out, bar)
-    _print_tables(results, ("viewer",))
-    _report(results, out)
+    _report(results, out, ("viewer",))
     lines = beyond(results["viewer"])
     if check:
         for line in lines:
@@ -171,18 +169,17 @@ def table(
     return 1 if results.left_out or results.failures else 0
 
 
-def _print_tables(results: dict[str, Results], names: Sequence[str]) -> None:
-    """Prints the first table of each benchmark on a terminal."""
-    for name in names:
-        if results[name].rows:
-            table = results[name].tables[0]
-            print_table(BENCHMARKS[name].title, *table.texts())
-
-
-def _report(results: dict[str, Results], out: Path) -> None:
+def _report(results: dict[str, Results], out: Path, names: Sequence[str] = ()) -> None:
+    """Writes the report of all results; prints its path, and what the named ones found."""
     from lfpipe.bench.page import write_report
+    from lfpipe.bench.summary import headlines, sentences
 
     for one in results.values():
         for method, reason in one.failures.items():
             say(f"failed: {method}: {reason}")
     print_result(write_report(results, out))
+    for name in names:
+        if texts := sentences(BENCHMARKS[name], results[name]):
+            print_result(" ".join([f"{BENCHMARKS[name].title}:", *texts]))
+        for text, own, paper in headlines(results[name]):
+            print_result(f"{text}: {own}; the paper's pipeline {paper}")

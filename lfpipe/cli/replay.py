@@ -210,5 +210,5 @@ def _summary(report: Report) -> None:
                 f"eyes {name}: {error['rms_px']:.2f} px rms error, {error['max_px']:.2f} px at most"
             )
     for name, digest in (report["digests"] or {}).items():
-        print_result(f"{name:<9} {digest}")
+        print_result(f"{name:<9} {digest[:16]}")  # the whole is in report.json
     sys.stdout.flush()

@@ -8,7 +8,7 @@ import shutil
 import sys
 import textwrap
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -30,20 +30,6 @@ def print_result(result: str | Path) -> None:
         click.echo(os.fsencode(result))
     else:
         click.echo(escaped(str(result)))
-
-
-def print_table(title: str, head: Sequence[str], body: Sequence[Sequence[str]]) -> None:
-    """Prints a table that fits the terminal; without a terminal nothing, as for scripts."""
-    if not sys.stdout.isatty():
-        return
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(*head, title=title, box=box.SIMPLE, title_justify="left")
-    for row in body:
-        table.add_row(*map(plain, row))
-    Console(highlight=False, markup=False).print(table)
 
 
 def say(text: str) -> None:

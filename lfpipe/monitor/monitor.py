@@ -6,7 +6,8 @@ import json
 import os
 import sys
 import time
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from datetime import timedelta
 from functools import partial
@@ -15,7 +16,7 @@ from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
 
-from lfpipe.config import choices
+from lfpipe import log
 from lfpipe.errors import UserError, plain
 from lfpipe.host.terminal import Keyboard
 from lfpipe.monitor.session_reader import Follower, Sample, Watch, snapshot
@@ -24,13 +25,12 @@ from lfpipe.notices import latency_lines
 from lfpipe.supervisor.metrics import MotionToPhoton, SessionMetrics, StageMetrics
 from lfpipe.supervisor.process_table import SOURCE
 from lfpipe.supervisor.rundir import ask, find
-from lfpipe.transport.control import Message
 from lfpipe.transport.histogram import quantiles
 from lfpipe.transport.metrics import Value
 
 STATE_STYLE = {"RUNNING": "green", "STARTING": "yellow", "STOPPING": "yellow", "DEAD": "bold red"}
 WARNING = "bold yellow"
-KEYS_LINE = "q quit  p pause  r reset  t trace  w warp  m mode  c recentre"
+KEYS_LINE = "q quit  p pause  r reset  t trace  c recentre"
 QUANTILES = ("p50_ms", "p95_ms", "p99_ms")
 PERIOD_S = 0.25  # four times a second: people cannot read faster
 COLUMNS = (
@@ -47,12 +47,9 @@ COLUMNS = (
     "rst",
 )
 LOADS = ("%", "MB")
+SPARKS = "▁▂▃▄▅▆▇█"
+HISTORY = 60  # ages of pictures, one of each second
 NOTE_S = 5.0  # display time of the answer to a key
-
-
-def ms(value: float) -> str:
-    """A time in ms with as many decimals as fit five characters."""
-    return f"{value:.{2 if value < 99.995 else 1 if value < 999.95 else 0}f}"
 
 
 def photon_words(latency: MotionToPhoton) -> str:
@@ -68,7 +65,7 @@ def _stage_row(name: str, stage: StageMetrics) -> list[str | Text]:
         name,
         Text(stage.state.lower(), STATE_STYLE.get(stage.state, "")),
         f"{stage.fps:.1f}",
-        *map(ms, (*waits[:2], *busies, stage.max_ms)),
+        *map("{:.1f}".format, (*waits[:2], *busies, stage.max_ms)),
         *(
             Text(str(count), "bold red" if count else "")
             for count in (stage.dropped, stage.restarts)
@@ -147,13 +144,22 @@ def print_state(metrics: SessionMetrics, paused: bool = False) -> None:
     """Prints the state on stdout."""
     console = Console(highlight=False)
     console.print(Text.assemble("session ", (metrics.session, "bold")), state_view(metrics, paused))
-    console.print(*metric_lines(metrics), sep="\n")
+    if log.is_shown():
+        console.print(*metric_lines(metrics), sep="\n")
 
 
-def screen_view(name: str, state: Sample | None, note: str = "") -> Group:
+def sparkline(values: Sequence[float]) -> str:
+    """Values >= 0 as blocks, the largest one as high as a line."""
+    most = max(values, default=0.0) or 1.0
+    return "".join(SPARKS[round(value / most * (len(SPARKS) - 1))] for value in values)
+
+
+def screen_view(
+    name: str, state: Sample | None, note: str = "", ages_ms: Sequence[float] = ()
+) -> Group:
     """The whole screen of a monitor.
 
-    note: the answer to the last key.
+    note: the answer to the last key. ages_ms: of the pictures, one of each second.
     """
     head = Text.assemble(("lfpipe ", "bold"), (name, "bold cyan"), "  ")
     if state is None:
@@ -168,9 +174,10 @@ def screen_view(name: str, state: Sample | None, note: str = "") -> Group:
     return Group(
         head,
         state_view(state.metrics, settings is not None and settings.paused),
+        *([Text(f"age, {sparkline(ages_ms)} up to {max(ages_ms):.1f} ms")] if any(ages_ms) else ()),
         Text(plain(note or KEYS_LINE), "bold" if note else "dim", no_wrap=True),
         Text("times in ms, of the last 10 s; rst: restarts", "dim"),
-        *metric_lines(state.metrics),
+        *(metric_lines(state.metrics) if log.is_shown() else ()),
     )
 
 
@@ -179,30 +186,16 @@ def press(name: str, key: str) -> str:
 
     Raises UserError.
     """
-    if key not in ("p", "w", "m", "c", "t"):
-        return ""
     settings = snapshot(name)
-    render = settings.config.render
     if key == "t" and settings.options.timeline:
         return f"trace: {finish_trace(partial(ask, name))}"
     if key == "t":
         begin_trace(partial(ask, name), None)
         return "tracing: t ends it"
-    method = "auto" if render.method == "nearest" else "nearest"
-    modes = choices("render.anaglyph")
-    mode = modes[(modes.index(render.anaglyph) + 1) % len(modes)]
-    sent: dict[str, tuple[Message, str]] = {
-        "p": (
-            {"cmd": "resume" if settings.paused else "pause"},
-            "resumed" if settings.paused else "paused: p resumes",
-        ),
-        "w": ({"cmd": "set", "set": {"render.method": method}}, f"views: {method}"),
-        "m": ({"cmd": "set", "set": {"render.anaglyph": mode}}, f"mode: {mode}"),
-        "c": ({"cmd": "recentre"}, "recentred"),
-    }
-    message, note = sent[key]
-    ask(name, message)
-    return note
+    words = {"p": "resume" if settings.paused else "pause", "c": "recentre"}
+    if word := words.get(key):
+        ask(name, {"cmd": word})
+    return f"{word}d" if word else ""
 
 
 def run(name: str, once: bool, as_json: bool) -> None:
@@ -231,6 +224,8 @@ def screen(name: str) -> None:
 
     note = ""
     note_end = 0.0
+    ages_ms = deque[float](maxlen=HISTORY)
+    second = 0.0
     with (
         closing(Follower(name)) as follower,
         Keyboard() as keyboard,
@@ -239,7 +234,11 @@ def screen(name: str) -> None:
         while True:
             now = time.monotonic()
             sample = follower.read()
-            live.update(screen_view(name, sample, note if now < note_end else ""), refresh=True)
+            if sample is not None and now - second >= 1.0:
+                second = now
+                ages_ms.append(sample.metrics.end_to_end["p50_ms"])
+            shown_note = note if now < note_end else ""
+            live.update(screen_view(name, sample, shown_note, ages_ms), refresh=True)
             while left_s := max(0.0, now + PERIOD_S - time.monotonic()):
                 try:
                     key = keyboard.key(left_s)

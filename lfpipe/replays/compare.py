@@ -243,7 +243,7 @@ def _compare_frames(
             name = first.cause
             what = (
                 f"{name} {_sides(first.was.get(name))} in the reference,"
-                f" {_sides(first.now.get(name))} now;"
+                f" {_sides(first.now.get(name))} now{_apart(first)};"
                 f" {CAUSES[name]}; {len(changed)} of {len(frames)} frames"
             )
             differences.append(Difference(part, what, first.now["source_seq"]))
@@ -252,9 +252,17 @@ def _compare_frames(
 
 
 def _sides(value: Any) -> str:
-    return (
-        f"left {value['left']} right {value['right']}" if isinstance(value, dict) else repr(value)
-    )
+    if not isinstance(value, dict):
+        return repr(value)
+    return " ".join(f"{side} {value[side][0]:.2f}, {value[side][1]:.2f}" for side in value)
+
+
+def _apart(frame: ComparedFrame) -> str:
+    """By how much eyes or views differ, "" for anything else."""
+    if frame.cause not in TOLERANCES:
+        return ""
+    apart = np.abs(np.subtract(pair(frame.was, frame.cause), pair(frame.now, frame.cause))).max()
+    return f", up to {apart:.2g} apart"
 
 
 def _stored(folder: Path, lines: list[Line]) -> Callable[[str], NDArray[np.uint8] | None]:

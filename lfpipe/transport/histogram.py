@@ -65,8 +65,8 @@ class Histogram:
 
 
 def quantiles(times: Times, *keys: str) -> str:
-    """These keys of a summary as text, for example `p50 41.20, p95 50.11 ms`."""
-    return ", ".join(f"{key.removesuffix('_ms')} {times[key]:.2f}" for key in keys) + " ms"
+    """These keys of a summary as text, for example `p50 41.2, p95 50.1 ms`."""
+    return ", ".join(f"{key.removesuffix('_ms')} {times[key]:.1f}" for key in keys) + " ms"
 
 
 def summary_ms(record: NDArray[np.void]) -> Times:

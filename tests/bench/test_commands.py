@@ -27,9 +27,9 @@ def test_benchmarks_from_the_command_line_share_a_folder(
     first = world.done(
         "bench", "synthesis", "--quick", "--scene", scene, "--sequence", clip, "--out", "out"
     )
-    assert (
-        first.stdout.strip() == "out/report.html" and (world.root / "out" / "report.html").is_file()
-    )
+    path, found = first.stdout.splitlines()
+    assert path == "out/report.html" and (world.root / path).is_file()
+    assert found.startswith("View synthesis: ") and "by the paper's method, at" in found
     # credited to itself only
     world.done("bench", "stability", "--quick", "--scene", scene, "--out", "out")
     both = json.loads((world.root / "out" / "results.json").read_text())["benchmarks"]

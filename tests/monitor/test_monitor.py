@@ -3,6 +3,7 @@
 import contextlib
 import fcntl
 import io
+import itertools
 import json
 import os
 import pty
@@ -16,10 +17,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.console import Console, RenderableType
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console, Group, RenderableType
 
 from lfpipe.config import converter
-from lfpipe.monitor.monitor import print_state, stage_table, state_view
+from lfpipe.monitor.monitor import SPARKS, metric_lines, sparkline, stage_table, state_view
 from lfpipe.monitor.session_reader import Watch
 from lfpipe.supervisor.metrics import SessionMetrics, session_metrics
 from lfpipe.supervisor.process_table import CORE, METRICS, SOURCE
@@ -102,7 +105,7 @@ def test_table_of_stages_has_its_quantiles_in_order() -> None:
     assert times[1:4] == pytest.approx([2, 20, 200], rel=0.02), "p50, p95 and p99 of the busy time"
 
 
-def test_monitor_lists_the_metrics_that_stages_declare(capsys: pytest.CaptureFixture[str]) -> None:
+def test_monitor_lists_the_metrics_that_stages_declare() -> None:
     rows = {name: np.zeros((), ROW) for name in CORE}
     for row in rows.values():
         row["state"] = State.RUNNING
@@ -110,11 +113,19 @@ def test_monitor_lists_the_metrics_that_stages_declare(capsys: pytest.CaptureFix
     render["juddered"], render["onset_ns"] = 3, 61_200_000
     Row(rows["track"], METRICS["track"])["face"] = 1
     metrics = session_metrics("mine", rows, METRICS, quality(), 0)
-    print_state(converter().structure(metrics.to_dict(), SessionMetrics))
-    printed = capsys.readouterr().out
+    printed = shown(Group(*metric_lines(converter().structure(metrics.to_dict(), SessionMetrics))))
     assert "track face yes" in printed
-    assert "juddered 3, onset_ms 61.2, steady_ms -" in " ".join(printed.split())
-    assert max(map(len, printed.splitlines())) <= 80
+    assert "juddered 3, onset_ms 61.2, steady_ms -" in " ".join(" ".join(printed).split())
+    assert max(map(len, printed)) <= 80
+
+
+@given(st.lists(st.floats(0.0, 1e4), max_size=60))
+def test_sparkline_orders_its_values(values: list[float]) -> None:
+    heights = [SPARKS.index(block) for block in sparkline(values)]
+    assert all(
+        a <= b for (_, a), (_, b) in itertools.pairwise(sorted(zip(values, heights, strict=True)))
+    )
+    assert not any(values) or max(heights) == len(SPARKS) - 1
 
 
 @pytest.mark.parametrize("width", [80, 40])
@@ -138,8 +149,6 @@ def test_monitor_screen_keys_and_a_session_that_starts_again(world: World, scene
     terminal.until(r"viewer (arriving|seated)")
     terminal.until(r"eyes predicted ahead of the sensor by p50 \d")
     for key, answer in (
-        ("w", "nearest views"),
-        ("m", "dubois-green-magenta anaglyph"),
         ("p", "PAUSED"),
         ("p", "resumed"),
         ("c", "recentred"),
@@ -148,7 +157,9 @@ def test_monitor_screen_keys_and_a_session_that_starts_again(world: World, scene
     ):
         terminal.press(key)
         terminal.until(answer)
-    second.until("nearest views")
+    world.ctl("set", "render.method=nearest")
+    for each in (terminal, second):
+        each.until("nearest views")
     world.wait_for(
         lambda: any(trace.stat().st_size > 2000 for trace in world.root.glob("lfpipe-*.jsonl")),
         "traced pictures",
