@@ -9,8 +9,12 @@ import sys
 
 import tornado.web
 import tornado.websocket
-from pythonosc.dispatcher import Dispatcher
-from pythonosc.osc_server import AsyncIOOSCUDPServer
+
+try:
+    from pythonosc.dispatcher import Dispatcher
+    from pythonosc.osc_server import AsyncIOOSCUDPServer
+except ImportError:
+    sys.exit("python-osc is missing: pip install 'lfpipe[share]'")
 
 if len(sys.argv) != 3:
     sys.exit(__doc__)

@@ -5,7 +5,10 @@ Usage: python lsl_experiment.py NAME, beside `lfpipe up SCENE --share lsl:NAME`
 
 import sys
 
-import pylsl
+try:
+    import pylsl
+except ImportError:
+    sys.exit("pylsl is missing: pip install 'lfpipe[share]'")
 
 if len(sys.argv) != 2:
     sys.exit(__doc__)
