@@ -1,5 +1,4 @@
-"""Exposure, gain, mains frequency and dynamic frame rate of a camera: applied at the start,
-restored at the end.
+"""Exposure, gain and dynamic frame rate of a camera: applied at the start, restored at the end.
 
 A camera may take a second to answer, or never answer. So a thread of its own asks it while frames
 are read.
@@ -18,9 +17,8 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 # linux/v4l2-controls.h
-AUTO_GAIN, GAIN, POWER_LINE = 0x00980912, 0x00980913, 0x00980918
+AUTO_GAIN, GAIN = 0x00980912, 0x00980913
 AUTO_EXPOSURE, EXPOSURE, DYNAMIC_FRAMERATE = 0x009A0901, 0x009A0902, 0x009A0903
-POWER_LINE_HZ = (0, 50, 60)  # by menu entry; the next is automatic
 CHECK_S = 2.0  # automatic exposure follows the light
 RESTORE_TRIES = 3  # a busy camera misses a request; nobody would set the control again
 DARKER = (
@@ -55,10 +53,6 @@ def control_texts(device: V4L2Device) -> list[str]:
                 f"{key} {value:g}{unit}{' (automatic)' if automatic else ''} [{low:g} to"
                 f" {high:g}{unit}]"
             )
-    if (span := device.control_range(POWER_LINE)) is not None:
-        entry = device.control(POWER_LINE)
-        hz = f"{POWER_LINE_HZ[entry]} Hz" if entry < len(POWER_LINE_HZ) else "automatic"
-        texts.append(f"camera.power_line_hz {hz} [0 to {POWER_LINE_HZ[min(span.maximum, 2)]} Hz]")
     if device.control_range(DYNAMIC_FRAMERATE) is not None:
         texts.append(f"camera.dynamic_framerate {device.control(DYNAMIC_FRAMERATE)} [0 to 1]")
     return texts
@@ -115,11 +109,6 @@ class CameraControls(threading.Thread):
         for key, value in ("camera.exposure", camera.exposure), ("camera.gain", camera.gain):
             if value != "auto":
                 self._asked(key, self._set_amount, key, value)
-        key = "camera.power_line_hz"
-        if (hz := camera.power_line_hz) != "auto" and self._asked(
-            key, self._set, POWER_LINE, POWER_LINE_HZ.index(hz)
-        ) is None:
-            self.notes.setdefault(key, f"{key} = {hz}: not supported by the camera")
         key = "camera.dynamic_framerate"
         state = camera.dynamic_framerate
         if (

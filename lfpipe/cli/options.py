@@ -7,33 +7,13 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import click
-from click.shell_completion import CompletionItem, get_completion_class
+from click.shell_completion import get_completion_class
 
 from lfpipe.cli.terminal import print_result
-from lfpipe.config import load, options, updated
+from lfpipe.config import load, updated
 from lfpipe.transport.session import default_name
 
 F = TypeVar("F", bound=Callable[..., Any])
-
-
-def complete_settings(
-    _context: click.Context, _parameter: click.Parameter, incomplete: str
-) -> list[CompletionItem]:
-    """The keys."""
-    return [
-        CompletionItem(f"{name}=", help=known.doc)
-        for name, known in options().items()
-        if name.startswith(incomplete)
-    ]
-
-
-def complete_sessions(
-    _context: click.Context, _parameter: click.Parameter, incomplete: str
-) -> list[CompletionItem]:
-    """The running sessions."""
-    from lfpipe.supervisor.rundir import running
-
-    return [CompletionItem(name) for name in running() if name.startswith(incomplete)]
 
 
 class Number(click.FloatRange):
@@ -69,7 +49,6 @@ SESSION = click.option(
     "session_name",
     metavar="NAME",
     callback=lambda _context, _parameter, name: name or default_name(),
-    shell_complete=complete_sessions,
     help="Session name; default: LFPIPE_SESSION, else 'default'.",
 )
 
@@ -81,7 +60,6 @@ def with_settings(command: F) -> F:
         "sets",
         multiple=True,
         metavar="KEY=VALUE",
-        shell_complete=complete_settings,
         help="Set one configuration key; repeatable.",
     )(command)
     return click.option(

@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 
 from lfpipe import config as configuration
-from lfpipe.cli.options import OVERWRITE, PATH, SESSION, complete_settings
+from lfpipe.cli.options import OVERWRITE, PATH, SESSION
 from lfpipe.cli.plugged import ExtensibleGroup, Group
 from lfpipe.cli.terminal import print_result
 from lfpipe.config import converter, parse_set
@@ -98,9 +98,7 @@ def _absolute(scene: Path) -> str:
 
 
 @ctl.command("set")
-@click.argument(
-    "sets", nargs=-1, required=True, metavar="KEY=VALUE...", shell_complete=complete_settings
-)
+@click.argument("sets", nargs=-1, required=True, metavar="KEY=VALUE...")
 @click.pass_obj
 def set_keys(send: Send, sets: tuple[str, ...]) -> None:
     """Change configuration keys: all of them, or none if one is refused."""

@@ -122,13 +122,6 @@ class Camera:
     gain: float | Literal["auto"] = key(
         "auto", "", 0, 65535, doc="gain in units of the camera; auto: set by the camera"
     )
-    power_line_hz: Literal["auto", 0, 50, 60] = key(
-        "auto",
-        "Hz",
-        doc=(
-            "mains frequency whose flicker the exposure avoids, 0: none; auto: the camera's setting"
-        ),
-    )
     dynamic_framerate: Literal["off", "on", "auto"] = key(
         "off",
         doc="lower the rate in dim light; auto: the camera's setting",
@@ -388,18 +381,6 @@ class Replay:
     )
 
 
-@attrs.frozen
-class Record:
-    format: Literal["jpeg", "lossless"] = key(
-        "jpeg",
-        replays=False,
-        doc=(
-            "recordings of a source without JPEGs: jpeg of quality 85, or lossless, six times as"
-            " large"
-        ),
-    )
-
-
 @attrs.frozen(kw_only=True)
 class Config:
     """The whole tree. Immutable: `updated` returns a new tree."""
@@ -411,7 +392,6 @@ class Config:
     scene: Scene = Scene()
     governor: Governor = Governor()
     replay: Replay = Replay()
-    record: Record = Record()
 
 
 SECTIONS: dict[str, Any] = {section.name: section.type for section in attrs.fields(Config)}

@@ -195,8 +195,6 @@ def read_index(folder: Path, complete: bool, most: int = MAX_PACKETS) -> Packets
 
 def encoded(picture: NDArray[np.uint8], codec: str = "png") -> bytes:
     """The packet of a uint8 (height, width, 3) BGR picture: without loss, unless it is a JPEG."""
-    if codec == "raw":
-        return picture.tobytes()
     done, data = cv2.imencode(f".{codec}", picture, _ENCODING[codec])
     assert done, f"a uint8 picture is always a {codec}"
     return data.tobytes()

@@ -42,9 +42,8 @@ class Recordable:
 
 
 class Recording:
-    """A recording under way. Packets are stored unchanged; pictures as JPEG or, lossless, as PNG,
-    or raw if more than a quarter of the buffer is in use. Raises OSError, UserError if nothing can
-    be written.
+    """A recording under way. Packets are stored unchanged, pictures as JPEG. Raises OSError,
+    UserError if nothing can be written.
     """
 
     def __init__(self, context: Context, folder: Path, size_px: tuple[int, int]) -> None:
@@ -67,7 +66,6 @@ class Recording:
         self.reported = False
         self.counted = self.writer.count  # frames that the status row has; not 0 if it goes on
         self._last_ns = 0
-        self._lossless = config.record.format == "lossless"
         self._max_frames = max(MIN_FRAMES, BUFFER_BYTES // (3 * math.prod(size_px)))
         self._queue = queue.SimpleQueue[Recordable | None]()
         self._thread = threading.Thread(target=self._run, name="recorder")
@@ -119,9 +117,7 @@ class Recording:
         codec, data = frame.codec, frame.data
         try:
             if not isinstance(data, bytes):
-                hurry = self._queue.qsize() > self._max_frames // 4
-                codec = ("raw" if hurry else "png") if self._lossless else "jpeg"
-                data = encoded(data, codec)
+                codec, data = "jpeg", encoded(data, "jpeg")
             stamps = frame.source_seq, frame.epoch, frame.t_sensor_ns, frame.t_read_ns
             self.writer.append(data, codec, *stamps)
         except OSError as error:

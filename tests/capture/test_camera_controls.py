@@ -13,7 +13,6 @@ from lfpipe.capture.camera_controls import (
     DYNAMIC_FRAMERATE,
     EXPOSURE,
     GAIN,
-    POWER_LINE,
     CameraControls,
     control_texts,
 )
@@ -29,7 +28,6 @@ def webcam(**more: Any) -> FakeCamera:
             EXPOSURE: FakeControl(3, 2047, 333),
             AUTO_GAIN: FakeControl(0, 1, 1),
             GAIN: FakeControl(0, 100, 20, 5),
-            POWER_LINE: FakeControl(0, 2, 1),
             DYNAMIC_FRAMERATE: FakeControl(0, 1, 1),
         },
         **more,
@@ -43,7 +41,6 @@ def values(device: FakeCamera) -> dict[int, int]:
 SETTINGS = {
     "exposure": st.one_of(st.just("auto"), st.floats(0.01, 1000)),
     "gain": st.one_of(st.just("auto"), st.floats(0, 65535)),
-    "power_line_hz": st.sampled_from(["auto", 0, 50, 60]),
     "dynamic_framerate": st.sampled_from(["off", "on", "auto"]),
 }
 
@@ -73,10 +70,9 @@ NOTED: dict[str, tuple[dict[str, Any], set[int], dict[int, int], list[str]]] = {
     "all automatic": ({"dynamic_framerate": "auto"}, set(), {}, []),
     "as configured": ({}, set(), {DYNAMIC_FRAMERATE: 0}, ["dynamic frame rate switched off"]),
     "manual values switch the automatics off": (
-        {"exposure": 8.0, "gain": 50, "power_line_hz": 60, "dynamic_framerate": "off"},
+        {"exposure": 8.0, "gain": 50, "dynamic_framerate": "off"},
         set(),
-        {AUTO_EXPOSURE: 1, EXPOSURE: 80, AUTO_GAIN: 0, GAIN: 50, POWER_LINE: 2}
-        | {DYNAMIC_FRAMERATE: 0},
+        {AUTO_EXPOSURE: 1, EXPOSURE: 80, AUTO_GAIN: 0, GAIN: 50, DYNAMIC_FRAMERATE: 0},
         ["dynamic frame rate switched off"],
     ),
     "beyond what is possible": (
@@ -86,10 +82,10 @@ NOTED: dict[str, tuple[dict[str, Any], set[int], dict[int, int], list[str]]] = {
         ["camera.exposure = 500 ms: using 204.7 (0.3 to 204.7 ms possible)"],
     ),
     "controls that fail": (
-        {"exposure": 8.0, "power_line_hz": 60},
-        {EXPOSURE, POWER_LINE, DYNAMIC_FRAMERATE},
+        {"exposure": 8.0},
+        {EXPOSURE, DYNAMIC_FRAMERATE},
         {AUTO_EXPOSURE: 1},
-        [FAILS.format(key) for key in ("exposure", "power_line_hz", "dynamic_framerate")],
+        [FAILS.format(key) for key in ("exposure", "dynamic_framerate")],
     ),
 }
 
@@ -107,8 +103,8 @@ def test_controls_are_set_and_noted(kind: str) -> None:
 
 
 def test_controls_that_a_camera_lacks_are_noted() -> None:
-    notes = " ".join(source(FakeCamera(), exposure=5.0, gain=7.0, power_line_hz=50).info.notes)
-    assert notes.count("no such control") == 2 and "camera.power_line_hz = 50" in notes
+    notes = " ".join(source(FakeCamera(), exposure=5.0, gain=7.0).info.notes)
+    assert notes.count("no such control") == 2
 
 
 def test_states_for_people() -> None:
@@ -116,7 +112,6 @@ def test_states_for_people() -> None:
     assert texts == [
         "camera.exposure 33.3 ms (automatic) [0.3 to 204.7 ms]",
         "camera.gain 20 (automatic) [0 to 100]",
-        "camera.power_line_hz 50 Hz [0 to 60 Hz]",
         "camera.dynamic_framerate 1 [0 to 1]",
     ]
     assert control_texts(FakeCamera()) == []

@@ -9,7 +9,6 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-from click.shell_completion import ShellComplete
 from click.testing import CliRunner
 
 from lfpipe.__main__ import main
@@ -69,23 +68,6 @@ def test_progress_in_a_log_is_a_line_and_no_bar(
             for done in range(81):
                 report("rendering the demo scene", done, 81)
         assert capfd.readouterr().err == said
-
-
-@pytest.mark.parametrize(
-    ("line", "offered"),
-    [
-        ("up --demo --set render.me", ["render.method="]),
-        ("ctl --session e", ["evening"]),
-        ("monit", ["monitor"]),
-    ],
-)
-def test_completion_offers_keys_values_and_sessions(
-    line: str, offered: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("lfpipe.supervisor.rundir.running", lambda: ["evening", "morning"])
-    *words, incomplete = line.split()
-    found = ShellComplete(cli, {}, "lfpipe", "_LFPIPE_COMPLETE").get_completions(words, incomplete)
-    assert [item.value for item in found] == offered
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])

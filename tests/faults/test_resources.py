@@ -162,23 +162,20 @@ def test_trace_and_video_end_on_full_disks_and_the_session_goes_on(
     assert not world.left()
 
 
-LOSSLESS = ("--set", "record.format=lossless")  # a few frames fill the disk
-
-
 @mounts
 def test_record_on_a_full_disk_ends_with_a_whole_frame(world: World, place: Path) -> None:
     kept = world.root / "kept"
     after = f"cp -r {place}/rec {kept}"
     done = in_mounts(
         world,
-        ("record", place / "rec", "--camera", "demo", "--duration", "20", *LOSSLESS),
-        (place, "size=2m"),
+        ("record", place / "rec", "--camera", "demo", "--duration", "20"),
+        (place, "size=1m"),
         after=after,
     )
     assert done.returncode == 1 and "Traceback" not in done.stderr, done.stderr
     assert "No space left on device" in done.stderr and "stopped early" in done.stderr
     sequence = open_sequence(kept)
-    assert 2 <= len(sequence.packets) < 30
+    assert 2 <= len(sequence.packets) < 300
     assert f"frames stored: {len(sequence.packets)}\n" in done.stderr, done.stderr
     sequence.frame(len(sequence.packets) - 1)
     assert not list(kept.glob("*.new")) and not world.left()

@@ -158,19 +158,10 @@ def test_ten_seconds_of_a_camera_without_jpegs_take_at_most_10_mb(
     """They were stored without loss, as 30 to 170 MB."""
     film = noisy(world.root / "film", short)
     camera = ("--camera", f"file:{film}?loop=0&pace=30")
-    recorded = {}
-    for kind in ("jpeg", "lossless"):
-        out = world.root / kind
-        more = ("--set", f"record.format={kind}") if kind == "lossless" else ()
-        world.done("record", out, *camera, *more)
-        recorded[kind] = open_sequence(out)
-    jpeg, lossless = recorded.values()
-    assert jpeg.codecs == {"jpeg"} and lossless.codecs <= {"png", "raw"}
-    assert len(jpeg.packets) > 30
+    world.done("record", world.root / "jpeg", *camera)
+    jpeg = open_sequence(world.root / "jpeg")
+    assert jpeg.codecs == {"jpeg"} and len(jpeg.packets) > 30
     assert sum(packet.bytes for packet in jpeg.packets) * 300 / len(jpeg.packets) < 10e6
-    for packet in itertools.islice(lossless.packets, 3):
-        source = open_sequence(film).frame(packet.source_seq)
-        assert np.array_equal(lossless.frame(packet.seq), source)
     world.done("replay", world.root / "jpeg", "--scene", blocks, "--out", "out")
     report = json.loads((world.root / "out" / "report.json").read_text())
     assert report["counts"]["faces"] > 30

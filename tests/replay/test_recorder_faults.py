@@ -142,7 +142,7 @@ def frame(number: int, level: int = 1) -> Recordable:
 @pytest.fixture
 def made(tmp_path: Path) -> Recording:
     context = SimpleNamespace(
-        config=config.load(None, ["record.format=lossless"]),
+        config=config.load(),
         options=SimpleNamespace(viewer=CameraViewer(source="demo", rate_hz=30.0)),
     )
     return Recording(context, tmp_path / "rec", SHAPE[1::-1])  # type: ignore[arg-type]

@@ -43,7 +43,7 @@ def made_sequence(out: Path) -> Path:
     truth = ["source_seq,t_ns,left_x_px,left_y_px,right_x_px,right_y_px,visible"]
     for seq in range(FRAMES):
         codec = ("jpeg", "raw", "png")[seq % 3]
-        data = encoded(picture(seq), codec)
+        data = picture(seq).tobytes() if codec == "raw" else encoded(picture(seq), codec)
         t_ns = seq * STEP_NS
         writer.append(data, codec, seq, 0, 10**9 + t_ns, 10**9 + t_ns + 5)
         points = [[40.0 + seq, 20.0], [24.0 + seq, 20.5]]
