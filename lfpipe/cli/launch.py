@@ -94,7 +94,7 @@ def launch(arguments: UpArguments, run_policy: RunPolicy = lambda first, _: firs
             load_scene(session.name, arguments.scenes[0])
             say("shown in the open window; `--session NAME` opens another one")
             return 0
-        rundir.release(session, rundir.acquire(session))  # raises the error with the remedy
+        rundir.remove(session.run_dir, rundir.acquire(session))  # raises the error with the remedy
     prepared = _prepared(arguments)
     again = attrs.evolve(arguments, overwrite=True)  # its own files
     return run_policy(lambda: _run(session, prepared), lambda: _run(session, _prepared(again)))

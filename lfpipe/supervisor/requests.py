@@ -70,8 +70,6 @@ class Reply:
     """The reply once they have executed it, from the state then and their answers by name."""
     with_stages: bool = False
     """The answer includes the metrics of the session."""
-    silent: bool = False
-    """Whether to send no answer."""
     stop: bool = False
     """Whether to end the session."""
 

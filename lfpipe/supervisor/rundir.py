@@ -158,11 +158,6 @@ def _empty(path: Path) -> None:
                 entry.unlink(missing_ok=True)
 
 
-def release(session: Session, lock: Lock) -> None:
-    """Removes everything that the session created, and releases the lock."""
-    remove(session.run_dir, lock)
-
-
 def remove(path: Path, lock: Lock) -> None:
     """Removes a directory, the lock last, and releases the lock. Skips files that cannot be
     removed, and everything if another process now owns the directory.
@@ -173,13 +168,8 @@ def remove(path: Path, lock: Lock) -> None:
                 _empty(path)
                 (path / "lock").unlink()
                 path.rmdir()
-            return
     finally:
         lock.release()
-    # if only the lock is missing, the rest is removed like a dead session's
-    with contextlib.suppress(OSError):
-        if (again := take_lock(path / "lock")) is not None:
-            remove(path, again)
 
 
 def sweep() -> list[str]:

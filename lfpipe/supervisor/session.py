@@ -346,14 +346,13 @@ class LiveSession:
             self._apply(state.changed(idle=idle))
 
     def _check_files(self, lock: Lock) -> None:
-        """Ends a session whose lock or shared memory was removed: without the lock, it no longer
-        receives commands, and the next session of that name cannot detect it.
+        """Ends a session whose lock was removed: it no longer receives commands, and the next
+        session of that name cannot detect it.
         """
-        removed = self._store.removed() if lock.in_place() else self._session.run_dir
-        if removed:
+        if not lock.in_place():
             self._end(
                 "its files were removed",
-                failure=f"{removed} was removed while the session ran",
+                failure=f"{self._session.run_dir} was removed while the session ran",
                 remedy="find the program that cleans that folder, and exclude lfpipe-*",
             )
 
@@ -419,19 +418,20 @@ class LiveSession:
                 continue
             self.notify(plain(text, MAX_LINE))
 
-    def _reply(self, request: Request) -> Reply:
+    def _reply(self, request: Request) -> Reply | None:
         request.decode()
         if request.command == EXECUTED and request.sender in NAMES:
             self._pending.executed(request.sender, request.message)
-            return Reply(silent=True)
+            return None
         level = logging.DEBUG if request.command in ASKED_OFTEN else logging.INFO
         logger.log(level, "request %.500s", request.message)
         return respond(self.state, request.message, now_ns(), request.sender)
 
-    def _respond(self, request: Request, reply: Callable[[], Reply]) -> None:
-        """Executes the reply to a request; any error becomes the answer."""
+    def _respond(self, request: Request, reply: Callable[[], Reply | None]) -> None:
+        """Executes the reply to a request, if it has one; any error becomes the answer."""
         try:
-            self._execute(request, reply())
+            if made := reply():
+                self._execute(request, made)
         except Exception as error:
             answer = self.refusal(error)
             if request.sender in NAMES:  # nobody reads a stage's answers
@@ -458,8 +458,6 @@ class LiveSession:
 
     def _execute(self, request: Request, reply: Reply) -> None:
         """Executes a reply; answers now, or when it is done."""
-        if reply.silent:
-            return
         if reply.load is not None:
             if replaced := self._loads.want(request, reply.load):
                 self._answer(replaced, REPLACED)
@@ -596,7 +594,7 @@ def _acquired(session: Session) -> Iterator[Lock]:
     try:
         yield lock
     finally:
-        rundir.release(session, lock)
+        rundir.remove(session.run_dir, lock)
 
 
 def try_session(session: Session, config: Config, options: SessionOptions) -> Outcome:

@@ -25,7 +25,7 @@ from lfpipe.config import (
     Snapshot,
     converter,
 )
-from lfpipe.config.modes import Lossless, Viewer, watching
+from lfpipe.config.modes import Lossless, watching
 from lfpipe.config.quality import first_level, quality_levels
 from lfpipe.host import wake
 from lfpipe.host.segment import Segment
@@ -59,15 +59,8 @@ def new_ring(kind: str) -> str:
     return f"{kind}.{secrets.token_hex(4)}"
 
 
-@attrs.frozen(kw_only=True)
-class RevertibleState:
-    """The part of the state that a stage may fail on; it can be rolled back."""
-
-    config: Config
-    scene: SceneSummary | None
-    viewer: Viewer
-    playlist: tuple[str, ...]
-    playlist_at: int
+# the options that a stage may fail on; with the configuration, they can be rolled back
+REVERTIBLE = ("scene", "viewer", "playlist", "playlist_at")
 
 
 @attrs.frozen(kw_only=True)
@@ -76,7 +69,7 @@ class SessionState:
 
     config: Config
     options: SessionOptions
-    known_good: RevertibleState = attrs.field(
+    known_good: Mapping[str, Any] = attrs.field(
         default=attrs.Factory(lambda self: self.revertible, takes_self=True)
     )
     """The part that is known to work."""
@@ -96,16 +89,9 @@ class SessionState:
         return cls(config=config, options=options)._with_rings()
 
     @property
-    def revertible(self) -> RevertibleState:
-        """The part of the current state that can be rolled back."""
-        options = self.options
-        return RevertibleState(
-            config=self.config,
-            scene=options.scene,
-            viewer=options.viewer,
-            playlist=options.playlist,
-            playlist_at=options.playlist_at,
-        )
+    def revertible(self) -> Mapping[str, Any]:
+        """The part of the current state that can be rolled back, as arguments of `changed`."""
+        return {"config": self.config, **{name: getattr(self.options, name) for name in REVERTIBLE}}
 
     @property
     def idle(self) -> bool:
@@ -128,12 +114,8 @@ class SessionState:
         """Whether this state, one change after an earlier one, may be rolled back: the change has
         set a revertible setting, perhaps to an equal value.
         """
-        parts = zip(
-            attrs.astuple(self.revertible, recurse=False),
-            attrs.astuple(earlier.revertible, recurse=False),
-            strict=True,
-        )
-        return any(part is not before for part, before in parts)
+        before = earlier.revertible
+        return any(part is not before[name] for name, part in self.revertible.items())
 
     def message(self) -> Message:
         """The control message for the stages."""
@@ -241,14 +223,7 @@ class SessionState:
 
     def rolled_back(self) -> SessionState:
         """With the part that is known to work; all else unchanged."""
-        good = self.known_good
-        return self.changed(
-            good.config,
-            scene=good.scene,
-            viewer=good.viewer,
-            playlist=good.playlist,
-            playlist_at=good.playlist_at,
-        )
+        return self.changed(**self.known_good)
 
     def _with_rings(self) -> SessionState:
         """With the rings that stages request."""
@@ -328,11 +303,6 @@ class SessionStore:
                     wake.make(session.credit(name, reader))
             self.table = status.Table(session.segment("status"), writable=True)
             self._memory = undo.pop_all()
-
-    def removed(self) -> str:
-        """The file of a segment that another program has removed; "" if all are in place."""
-        memory = (self._status, *self._rings.values())
-        return next((str(one.path) for one in memory if not one.in_place()), "")
 
     def apply(self, state: SessionState) -> None:
         """Stores a state; `take_message` returns a new revision for the stages.

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.host import segment
-from lfpipe.host.segment import Segment, WrongSegment
+from lfpipe.host.segment import Segment
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.histogram import HISTOGRAM, Histogram
 from lfpipe.transport.metrics import NO_METRICS, SPACE, MetricSet
@@ -147,12 +147,8 @@ class Table:
             if table[i]["name"]
         }
         size = int(np.frombuffer(buffer, "<i8", 1, 2 * len(MAGIC))[0])
-        try:
-            declared = json.loads(bytes(buffer[HEAD : HEAD + size]))
-            self.metrics = {stage: MetricSet.from_plain(declared[stage]) for stage in self.rows}
-        except (ValueError, KeyError, TypeError):
-            why = f"{path}: not a status table of this version: its declarations are damaged"
-            raise WrongSegment(why, segment.REMEDY) from None
+        declared = json.loads(bytes(buffer[HEAD : HEAD + size]))
+        self.metrics = {stage: MetricSet.from_plain(declared[stage]) for stage in self.rows}
 
     def close(self) -> None:
         """Drops the views, then the mapping."""

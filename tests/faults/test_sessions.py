@@ -76,7 +76,7 @@ for _ in range(12):
     assert os.getpid().to_bytes(4, "little") in bytes(again.buf), "the memory is another session's"
     again.close()
     memory.close()
-    rundir.release(session, lock)
+    rundir.remove(session.run_dir, lock)
 """
 
 
@@ -100,18 +100,11 @@ def test_sweep_spares_sessions_that_begin_at_once(world: World) -> None:
     assert not world.segments() and not list(other.iterdir())
 
 
-@pytest.mark.parametrize("what", ["memory", "run directory"])
-def test_session_ends_with_a_message_if_its_memory_or_run_directory_is_removed(
-    world: World, scene: Path, what: str
-) -> None:
+def test_session_ends_with_a_message_if_its_directory_is_removed(world: World, scene: Path) -> None:
     process = world.shows(scene, *SMALL)
     pids = [stage["pid"] for stage in world.monitor()["stages"].values()]
-    if what == "memory":
-        removed = world.session_dir / "status"
-        removed.unlink()
-    else:
-        removed = next(world.run_dir.iterdir())
-        shutil.rmtree(world.run_dir)
+    removed = next(world.run_dir.iterdir())
+    shutil.rmtree(world.run_dir)
     assert f"{removed} was removed" in world.ended(process, code=1) and _gone(pids)
 
 

@@ -86,7 +86,7 @@ def main() -> int:
             sys.stdin.readline()
             memory.close()
         finally:
-            rundir.release(session, lock)
+            rundir.remove(session.run_dir, lock)
     except UserError as error:
         print(error, file=sys.stderr)
         return 2

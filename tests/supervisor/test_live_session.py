@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import attrs
@@ -399,9 +400,8 @@ def test_an_answer_says_whether_the_stages_have_applied_a_change(play: Play) -> 
 
 def test_files_that_are_removed_end_the_session(play: Play) -> None:
     played = play()
-    lock: Any = type("Lock", (), {"in_place": lambda self: True})()
-    played.live._check_files(lock)
-    assert played.goes_on()
-    (played.dir / "eyes.ring").unlink()
-    played.live._check_files(lock)
-    assert "eyes.ring was removed" in str(played.outcome().failure)
+    for in_place in (True, False):
+        assert played.goes_on()
+        lock: Any = SimpleNamespace(in_place=lambda in_place=in_place: in_place)
+        played.live._check_files(lock)
+    assert f"{played.dir} was removed" in str(played.outcome().failure)

@@ -28,12 +28,13 @@ def test_lock_notices_a_removed_run_directory(base: Path, name: str) -> None:
     session.run_dir.chmod(0o777)
     other = rundir.acquire(session)
     assert not lock.in_place() and stat.S_IMODE(session.run_dir.stat().st_mode) == 0o700
-    rundir.release(session, lock)
+    rundir.remove(session.run_dir, lock)
     assert rundir.running() == [name], "it is another's now"
     (session.run_dir / "session.json").touch()
     session.lock.unlink()
-    rundir.release(session, other)
-    assert not list(base.iterdir()), "removed also without its lock"
+    rundir.remove(session.run_dir, other)
+    rundir.sweep()
+    assert not list(base.iterdir()), "swept, without its lock"
 
 
 LOOK = """
@@ -89,7 +90,7 @@ def test_a_lock_whose_directory_was_removed_meanwhile_is_taken_again(
     monkeypatch.setattr(file_lock, "take", taken)
     lock = rundir.take_lock(path, make=True)
     assert lock is not None and lock.in_place() and path.exists()
-    rundir.release(Session(name), lock)
+    rundir.remove(Session(name).run_dir, lock)
 
 
 def test_sweep_removes_all_of_a_dead_run_directory(base: Path, name: str, tmp_path: Path) -> None:
@@ -122,7 +123,7 @@ def test_acquire_refuses_a_path_too_long_for_sockets(
     assert "shorter --session" in long.remedy and "shorter LFPIPE_RUN_DIR" in long.remedy
     assert not list(place.iterdir())
     lock = rundir.acquire(Session("ab"))
-    rundir.release(Session("ab"), lock)
+    rundir.remove(Session("ab").run_dir, lock)
 
 
 def test_session_by_another_path_is_the_same(base: Path, name: str) -> None:

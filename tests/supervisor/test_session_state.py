@@ -88,7 +88,7 @@ def test_loaded_starts_at_the_zero_plane_of_the_scene() -> None:
     assert back.config.render.zero_plane_px == 10.25
     assert back.loaded(SCENE).config == back.config, "opened again, a scene stays as it is"
     assert back.loaded(OTHER).config.render.zero_plane_px == -0.5
-    assert back.rolled_back().options.scene == state.known_good.scene
+    assert back.rolled_back().options.scene == state.known_good["scene"]
 
 
 def test_loaded_takes_invert_depth_from_the_scene() -> None:
