@@ -74,8 +74,9 @@ SHOWN = np.dtype(
 
 MIN_EYE_DISTANCE_PX = 0.5  # of a plausible face; a tracked one has at least 4 px
 MAX_EYE_PX = 1e6  # coordinates beyond it are outside every camera's picture
-STALE_NS = 500_000_000  # a record this old comes from a tracker that has died
-MAX_STEP_NS = 500_000_000  # from one record to the next; after a longer gap, the past is discarded
+# From one record to the next: after a longer gap, the past is discarded. A record that is older
+# comes from a tracker that has died.
+MAX_STEP_NS = 500_000_000
 MAX_PREDICTION_S = 0.25  # a straight line predicts no head further than a quarter of a second
 
 

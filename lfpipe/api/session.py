@@ -47,7 +47,7 @@ _PARAMETERS = {  # what a command's messages call them, and what replaces it
     r"--(camera|display|trace) '?([^\s,;']*[^\s,;':])'?": r"\1='\2'",
     r"--(camera|display|trace)\b": r"\1",
 }
-STOP_S, LOAD_S = 30.0, 900.0  # a recording is completed at the end; a large scene is packed first
+STOP_S = 30.0  # a recording is completed at the end
 
 
 @attrs.frozen(eq=False)
@@ -234,7 +234,7 @@ class Attachment:
             If it cannot be shown; the current one then stays.
         """
         path = Path(scene_path(scene, self._config().scene) or "")
-        self.ask({"cmd": "load", "scene": str(path.resolve())}, LOAD_S)
+        self.ask({"cmd": "load", "scene": str(path.resolve())}, control.LOAD_TIMEOUT_S)
 
     @typed
     def wait(self, timeout_s: Number | None = None) -> bool:

@@ -21,7 +21,7 @@ from lfpipe.capture.frame_source import Frame, SourceInfo, size_notes
 from lfpipe.capture.pixel_formats import CHEAPEST, DECODED, JPEGS, SMALL_PX, FrameDecoder, choose
 from lfpipe.capture.v4l2_device import FrameSizes, Mode, RawFrame, V4L2Device
 from lfpipe.errors import UserError
-from lfpipe.eyes import STALE_NS
+from lfpipe.eyes import MAX_STEP_NS
 from lfpipe.transport.ring import StampKind
 
 log = logging.getLogger(__name__)
@@ -31,7 +31,7 @@ START_S = 5.0  # longest wait for the first frame: some cameras need seconds
 CONTROLS_S = 1.0  # longest wait for the camera's controls; they are set later if it is slower
 REPLUG = "unplug the camera and plug it in again"
 # An older stamp comes from another clock. Until the next frame at 6 Hz, its eyes are not stale.
-MAX_AGE_NS = STALE_NS * 3 // 5
+MAX_AGE_NS = MAX_STEP_NS * 3 // 5
 HARDWARE_STAMPS = Path("/sys/module/uvcvideo/parameters/hwtimestamps")
 USB = (
     "use another USB port, or --set camera.format=MJPG, or a smaller size: --set"

@@ -23,11 +23,11 @@ from lfpipe.host.terminal import opencv_logging
 from lfpipe.scene.files import natural
 from lfpipe.scene.video import RecordedFrame, Video
 from lfpipe.sequence.folder import is_sequence, open_sequence
+from lfpipe.transport.clock import SECOND_NS
 
 # A container that counts milliseconds rounds each stamp by up to 0.5 ms, the encoder by as much
 # again. Within that, the even grid of the frame rate is more accurate than the stamps.
 STAMP_ROUNDING_NS = 1_000_000
-MOVE_NS = 1_000_000_000  # longer than any hiccup of a busy machine
 
 
 class Schedule:
@@ -73,7 +73,7 @@ class Lateness:
 
     After a hiccup frames are dropped, as a camera's driver would overwrite them, until playback has
     caught up. If it does not, because decoding takes longer than a period, or if playback stood
-    still for MOVE_NS, catching up is impossible: the schedule is shifted instead of dropping every
+    still for a second, catching up is impossible: the schedule is shifted instead of dropping every
     frame.
     """
 
@@ -90,7 +90,7 @@ class Lateness:
         if not self._late_ns or late_ns <= self._late_ns:
             self._behind_ns = 0
             return False
-        if late_ns > MOVE_NS or 0 < self._behind_ns <= late_ns:
+        if late_ns > SECOND_NS or 0 < self._behind_ns <= late_ns:
             self.moved_ns += late_ns
             self._behind_ns = 0
             return False

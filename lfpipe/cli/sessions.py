@@ -17,9 +17,8 @@ from lfpipe.cli.plugged import ExtensibleGroup, Group
 from lfpipe.cli.terminal import print_result
 from lfpipe.config import converter, parse_set
 from lfpipe.supervisor.rundir import ask
-from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S, Message
+from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S, LOAD_TIMEOUT_S, Message
 
-LOAD_S = 900.0  # packing a large scene takes minutes
 Send = Callable[..., None]  # of one message, and perhaps timeout_s
 
 
@@ -88,7 +87,7 @@ def _send(session_name: str, as_json: bool, message: Message, timeout_s: float =
 
 def load_scene(session_name: str, scene: Path) -> None:
     """Shows another light field in a session. Raises UserError."""
-    ask(session_name, {"cmd": "load", "scene": _absolute(scene)}, LOAD_S)
+    ask(session_name, {"cmd": "load", "scene": _absolute(scene)}, LOAD_TIMEOUT_S)
 
 
 def _absolute(scene: Path) -> str:
@@ -124,7 +123,10 @@ def load(
     if (scene is None) == (step is None):
         raise click.UsageError("specify one of SCENE, --next and --previous")
     how = {"step": step, "scene": scene and _absolute(scene), "layout": layout, "grid": grid}
-    send({"cmd": "load", **{key: value for key, value in how.items() if value is not None}}, LOAD_S)
+    send(
+        {"cmd": "load", **{key: value for key, value in how.items() if value is not None}},
+        LOAD_TIMEOUT_S,
+    )
 
 
 def _plain(word: str, text: str) -> None:

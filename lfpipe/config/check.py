@@ -18,7 +18,7 @@ from typing import Any
 import attrs
 
 from lfpipe.config.tree import SECTIONS, Config, Key, options
-from lfpipe.config.user_files import FILE_BYTES, user_file
+from lfpipe.config.user_files import user_file
 from lfpipe.errors import UserError, quoted
 from lfpipe.files.safe_files import read_text
 from lfpipe.files.untrusted import toml_table
@@ -224,7 +224,7 @@ def load(file: str | os.PathLike[str] | None = None, sets: Iterable[str] = ()) -
         )
     for name, path in files.items():
         try:
-            pairs = flat(toml_table(read_text(path, FILE_BYTES, name, FILE_FORM), name, FILE_FORM))
+            pairs = flat(toml_table(read_text(path, name, FILE_FORM), name, FILE_FORM))
         except UserError as error:
             wrong.append(error.message)
             remedy = FILE_FORM

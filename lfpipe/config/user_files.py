@@ -18,7 +18,6 @@ from lfpipe.files.safe_files import read_text, write_file
 from lfpipe.files.untrusted import Fields, toml_table
 from lfpipe.host.files import exists, is_missing
 
-FILE_BYTES = 128 << 10  # ten times the size of a file with every key
 PLACED = "live:"  # prefix of the table of a placement
 MAX_PX = 65536.0  # of a view's width, and of what it differs by
 USUAL_DEG = 30, 130  # fields of view of webcams, narrow to wide
@@ -45,7 +44,7 @@ def _measured(name: str) -> Fields | None:
     if is_missing(path):
         return None
     remedy = "remove the file, and run `lfpipe calibrate` again"
-    cameras = toml_table(read_text(path, FILE_BYTES, str(path), remedy), str(path), remedy)
+    cameras = toml_table(read_text(path, str(path), remedy), str(path), remedy)
     return Fields(cameras, str(path), remedy).table(name) if name in cameras else None
 
 

@@ -35,7 +35,7 @@ _JPS = b"_JPSJPS_"  # begins the segment that describes a stereo JPEG
 # EXIF's orientation -> steps along rows and columns of the upright picture, after a transposition
 # from 5 on
 _FLIPS = {2: (1, -1), 3: (-1, -1), 4: (-1, 1), 6: (1, -1), 7: (-1, -1), 8: (-1, 1)}
-_STRIP_ROWS = 256  # of a picture, which are converted at a time: a second copy is spared
+STRIP_ROWS = 256  # of a picture, which are converted at a time: a second copy is spared
 _OTHERS = {  # beginnings of other kinds of files, under the names of pictures
     b"\xff\x0a": "JPEG XL",
     b"\0\0\0\x0cJXL ": "JPEG XL",
@@ -308,8 +308,8 @@ def _pixels(image: ImageFile.ImageFile, header: Header) -> NDArray[np.uint8]:
     flips = _FLIPS.get(orientation, (1, 1))
     stored = out[:: flips[0], :: flips[1]]  # written upright: a turned copy would cost memory
     stored = stored.swapaxes(0, 1) if orientation >= 5 else stored
-    for top in range(0, image.height, _STRIP_ROWS):
-        bottom = min(top + _STRIP_ROWS, image.height)
+    for top in range(0, image.height, STRIP_ROWS):
+        bottom = min(top + STRIP_ROWS, image.height)
         strip = image.crop((0, top, image.width, bottom)).convert(mode)
         stored[top:bottom] = _opaque(np.asarray(strip), 255)
     return out
@@ -338,7 +338,7 @@ def _deep_pixels(file: IO[bytes], header: Header) -> NDArray[np.uint16]:
     size = header.height_px, header.width_px
     if read is None or read.shape[:2] != size[:: -1 if turned else 1] or read.dtype != np.uint16:
         raise ValueError("damaged, or not what its header claims")
-    strips = np.array_split(np.asarray(read), -(-len(read) // _STRIP_ROWS))
+    strips = np.array_split(np.asarray(read), -(-len(read) // STRIP_ROWS))
     pixels = np.concatenate([_opaque(strip, 65535) for strip in strips]) if header.alpha else read
     if not header.grey:  # OpenCV's IMREAD_COLOR_RGB does not convert 16-bit TIFF files
         cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB, dst=pixels)

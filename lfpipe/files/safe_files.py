@@ -19,8 +19,9 @@ from lfpipe.host.files import CAREFUL, CREATING
 PRIVATE = 0o600  # of a file that records a face or its movements; its folder has PRIVATE_FOLDER
 PRIVATE_FOLDER = 0o700
 MAX_FILE_BYTES = 1 << 36  # an hour of lossless light-field video is smaller
-# of what Git LFS checks out in the place of a file (its specification)
-MAX_POINTER_BYTES, LFS_POINTER = 1024, b"version https://git-lfs."
+TEXT_BYTES = 1 << 20  # of a file of settings or facts: a hundred times what ours have
+# begins what Git LFS checks out in the place of a file (its specification)
+LFS_POINTER = b"version https://git-lfs."
 LONGEST_LINE = 1 << 16  # bytes of a `LineFile`; limit of the search for the end of the last line
 WORK_NAME = re.compile(r"\.lfpipe-[0-9a-f]{16}\.new.{0,40}")  # of `replaced`
 _watchers: list[Callable[[Path], None]] = []
@@ -63,10 +64,6 @@ def check_links(folder: Path, names: Iterable[str]) -> None:
             )
 
 
-def _open_carefully(path: str, flags: int) -> int:
-    return os.open(path, flags | CAREFUL)
-
-
 def open_regular(path: Path) -> BufferedReader:
     """Opens path for reading.
 
@@ -74,12 +71,8 @@ def open_regular(path: Path) -> BufferedReader:
     UserError for what Git LFS leaves in the place of a file that it has not fetched.
     """
     check_regular(path)
-    file = open(path, "rb", opener=_open_carefully)  # noqa: SIM115
-    about = os.fstat(file.fileno())
-    if not stat.S_ISREG(about.st_mode):
-        file.close()
-        raise OSError(errno.EINVAL, "changed while it was opened", str(path))
-    if about.st_size < MAX_POINTER_BYTES and file.peek().startswith(LFS_POINTER):
+    file = open(path, "rb", opener=lambda path, flags: os.open(path, flags | CAREFUL))  # noqa: SIM115
+    if file.peek().startswith(LFS_POINTER):
         file.close()
         raise UserError(
             f"{path}: a pointer of Git LFS, not the file itself: `git lfs pull` fetches it",
@@ -115,7 +108,7 @@ def open_file(path: Path, most_bytes: int = MAX_FILE_BYTES) -> BufferedReader:
     return file
 
 
-def read_bytes(path: Path, most_bytes: int) -> bytes:
+def read_bytes(path: Path, most_bytes: int = TEXT_BYTES) -> bytes:
     """Reads a whole file.
 
     Raises OSError if it is not a file, cannot be read or has more than most_bytes; then reading
@@ -184,10 +177,12 @@ def write_file(path: Path, data: bytes, mode: int = PRIVATE) -> None:
         file.write(data)
 
 
-def read_text(path: Path, most_bytes: int, what: str, remedy: str) -> str:
-    """Reads a whole file as UTF-8. what: for the message. Raises UserError if it is not UTF-8."""
+def read_text(path: Path, what: str, remedy: str) -> str:
+    """Reads a file of at most TEXT_BYTES as UTF-8. what: for the message. Raises UserError if it is
+    longer, or not UTF-8.
+    """
     try:
-        return read_bytes(path, most_bytes).decode()
+        return read_bytes(path).decode()
     except UnicodeDecodeError as error:
         raise UserError(
             f"{what}: not UTF-8: byte 0x{error.object[error.start]:02x} at {error.start}", remedy

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 _SAFE = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
-_PAUSE_S, _REPORT_S = 0.01, 1.0  # between attempts; between reports to a person
+PAUSE_S, _REPORT_S = 0.01, 1.0  # between attempts; between reports to a person
 
 
 def lock_open(fd: int, shared: bool = False) -> bool:
@@ -68,7 +68,7 @@ def waited_for(path: Path, waiting: Callable[[], None]) -> Iterator[None]:
     """
     report_s = time.monotonic() + _REPORT_S
     while (lock := take(path)) is None:
-        time.sleep(_PAUSE_S)
+        time.sleep(PAUSE_S)
         if time.monotonic() >= report_s:
             report_s += _REPORT_S
             waiting()

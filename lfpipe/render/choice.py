@@ -15,13 +15,13 @@ from typing import NamedTuple
 
 import attrs
 
-from lfpipe.eyes import STALE_NS, EyesRecord
+from lfpipe.eyes import MAX_STEP_NS, EyesRecord
 from lfpipe.render.synthesis.compositor import Key
 from lfpipe.render.viewer.mouse_look import MouseLook
 from lfpipe.render.viewer.viewer import VIDEO_LEAD, Viewer, Viewpoints
 from lfpipe.transport.ring import Stamp
 
-# A record is stale, because the tracker died or hangs, if it is older than STALE_NS and than
+# A record is stale, because the tracker died or hangs, if it is older than MAX_STEP_NS and than
 # STALE_FRAMES frame intervals.
 STALE_FRAMES = 3
 
@@ -84,14 +84,14 @@ class EyesSource:
         """lossless: frames wait for pictures, so no record is ever stale."""
         self._lossless = lossless
         self._newest: TrackedEyes | None = None
-        self._stale_ns = STALE_NS
+        self._stale_ns = MAX_STEP_NS
 
     def update(self, record: EyesRecord, stamp: Stamp, t_ns: int = 0) -> None:
         """Takes a newer record of the tracker, read at t_ns."""
         old = self._newest
         if old is not None and stamp.epoch == old.stamp.epoch:
             interval_ns = stamp.t_sensor_ns - old.stamp.t_sensor_ns
-            self._stale_ns = max(STALE_NS, STALE_FRAMES * interval_ns)
+            self._stale_ns = max(MAX_STEP_NS, STALE_FRAMES * interval_ns)
         self._newest = TrackedEyes(
             record, stamp, stamp.t_sensor_ns, waited_ns=max(t_ns - stamp.t_publish_ns, 0)
         )

@@ -69,7 +69,7 @@ from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import open_pack
 from lfpipe.sequence.recorder import Recorder
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
-from lfpipe.transport.context import Context
+from lfpipe.transport.context import BEAT_NS, Context
 from lfpipe.transport.control import Message
 from lfpipe.transport.ring import Stamp
 from lfpipe.transport.status import ENDED
@@ -79,7 +79,6 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 TRACK = "track"  # the stage that writes the ring "eyes" unless the mouse is the viewer
-SERVE_NS = 100 * MS_NS  # between two checks of the notices of a display without keys
 # without a change, refreshes need no picture; the viewpoint is checked this often for the next
 REST_AFTER_NS, REST_NS = SECOND_NS, SECOND_NS // 2
 
@@ -369,7 +368,7 @@ class RenderStage:
         """Waits for the next frame, and often enough for the window. Returns False at the stop."""
         fds = self._window_fds if self._context.idle else None
         often = self._interactive and fds is None
-        return self._context.wait(now_ns() + SERVE_NS if often else None, fds=fds or ())
+        return self._context.wait(now_ns() + BEAT_NS if often else None, fds=fds or ())
 
     @property
     def _window_fds(self) -> Sequence[int] | None:
@@ -535,7 +534,7 @@ class RenderStage:
             # without tracking, no face is missing
             self._context.row["t_face_ns"] = now_ns()
         if self._interactive or now_ns() >= self._serve_ns:
-            self._serve_ns = now_ns() + SERVE_NS
+            self._serve_ns = now_ns() + BEAT_NS
             self._ui.serve()
         if self._display.vblank_source:
             self._presenter.take_reports()

@@ -17,7 +17,7 @@ import attrs
 import numpy as np
 
 from lfpipe.config import Config
-from lfpipe.errors import plain
+from lfpipe.errors import MESSAGE_CHARS, plain
 from lfpipe.files.output import write_output
 from lfpipe.files.safe_files import check_links, read_text
 from lfpipe.files.trace import check_sides, trace_lines
@@ -35,7 +35,6 @@ REPORT, TRACE = "report.json", "trace.jsonl"
 DIFFERENCE = "difference"  # folder of pictures that show one
 FILES = (REPORT, TRACE, PICTURES, f"{PICTURES}/{INDEX}", f"{PICTURES}/{PACKETS}")
 STEADY = ("step", "max")  # paces whose results do not depend on any clock
-REPORT_BYTES = 1 << 20  # one of ours has some 10 kB
 COUNTED = ("frames", "pictures", "faces")  # equal in runs of equal results
 WRITTEN = "use a folder that `lfpipe replay --out` wrote; --update rewrites the reference"
 Line = dict[str, Any]  # of a trace
@@ -66,7 +65,7 @@ def read_report(folder: Path) -> Report:
     """
     check_links(folder, FILES)
     path = folder / REPORT
-    fields = json_fields(read_text(path, REPORT_BYTES, str(path), WRITTEN), str(path), WRITTEN)
+    fields = json_fields(read_text(path, str(path), WRITTEN), str(path), WRITTEN)
     fields.integer("format", FORMAT, FORMAT)
     for name in ("versions", "config", "plan", "sequence", "scene"):
         fields.table(name)
@@ -243,7 +242,7 @@ def write_junit(
 
 # JUnit XML, as CI services read it: outcomes of replays and of sweeps.
 
-MESSAGE_CHARS, TEXT_CHARS = 1000, 20_000  # of one test case
+TEXT_CHARS = 20_000  # of one test case
 Kind = Literal["", "failure", "error", "skipped"]
 
 

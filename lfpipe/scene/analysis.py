@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
+from lfpipe.files.pictures import STRIP_ROWS
 from lfpipe.scene import layouts
 from lfpipe.scene.description import FILE, stated, with_stated
 from lfpipe.scene.files import library_errors
-from lfpipe.scene.lightfield import Depth, OrientationFacts
+from lfpipe.scene.lightfield import Depth
 from lfpipe.scene.orientation import Orientation, orient
 from lfpipe.scene.plausibility import Measurements, plausible
 from lfpipe.scene.source import GridTransform, SceneSource, ViewIndex
 
-STRIP_ROWS = 256  # rows of a large view processed at a time, to limit memory
 SCREEN_GAMMA = 2.2  # for linear-light pictures: out = in ** (1 / gamma)
 STATED = {"yes": True, "no": False}  # scene.invert_depth
 FrameIndex = tuple[int, int, int]  # frame, row, column
@@ -40,15 +40,6 @@ class AnalysedScene:
     def turn(self) -> GridTransform:
         """The transform from file order to the order of the pack."""
         return self.orientation.packed
-
-    @property
-    def orientation_facts(self) -> OrientationFacts:
-        """The facts of the pack; a stated depth order is certain."""
-        facts = self.orientation.facts
-        inverted = self.source.stated_inverted
-        if inverted is None:
-            return facts
-        return attrs.evolve(facts, invert_depth=inverted, depth_order_sure=True)
 
     @property
     def too_far_apart(self) -> bool:

@@ -26,7 +26,6 @@ from lfpipe.files.untrusted import toml_table
 from lfpipe.host.files import is_file
 
 FILE = "lightfield.toml"
-MAX_BYTES = 16 << 10
 WRITTEN_BY = "lfpipe scene describe"
 KEYS = tuple(field.name for field in attrs.fields(config.Scene) if field.name != "cache_dir")
 REMEDY = f"correct the file, or write it again: `{WRITTEN_BY} FOLDER --grid ROWSxCOLS`"
@@ -94,7 +93,7 @@ def describe_folder(folder: Path, settings: config.Scene) -> Path:
 
 
 def _text(file: Path) -> str:
-    return read_text(file, MAX_BYTES, str(file), REMEDY)
+    return read_text(file, str(file), REMEDY)
 
 
 def _dotted(values: Mapping[str, Any]) -> dict[str, Any]:

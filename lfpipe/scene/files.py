@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError, quoted
-from lfpipe.files.safe_files import check_links, open_file, open_regular, reason
+from lfpipe.files.safe_files import TEXT_BYTES, check_links, open_file, open_regular, reason
 from lfpipe.files.untrusted import finite
 from lfpipe.host.files import proc_fd_path
 from lfpipe.host.terminal import opencv_logging
@@ -187,7 +187,7 @@ def library_errors(path: str | os.PathLike[str]) -> Iterator[None]:
         ) from None
 
 
-def read_bytes(path: Path, most_bytes: int = 1 << 20) -> bytes:
+def read_bytes(path: Path, most_bytes: int = TEXT_BYTES) -> bytes:
     """The bytes of a file. Raises UserError as `open_file` does."""
     with open_file(path, most_bytes) as file:
         return file.read()

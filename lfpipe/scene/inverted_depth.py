@@ -16,8 +16,6 @@ import platformdirs
 from lfpipe.files.safe_files import read_bytes, write_file
 from lfpipe.scene.lightfield import LightField
 
-MAX_BYTES = 16  # yes or no
-
 
 def folder() -> Path:
     """The folder of the choices; it need not exist."""
@@ -27,7 +25,7 @@ def folder() -> Path:
 def remembered(field: LightField) -> str:
     """ "yes", "no", "asked", or "" if the user was not asked about this scene."""
     with contextlib.suppress(OSError, UnicodeDecodeError):
-        word = read_bytes(folder() / field.manifest.key, MAX_BYTES).decode()
+        word = read_bytes(folder() / field.manifest.key).decode()
         return word if word in ("yes", "no", "asked") else ""
     return ""
 

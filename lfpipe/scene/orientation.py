@@ -83,16 +83,15 @@ class Orientation:
             return 0
         return -1 if True in changed else 1
 
-    @property
-    def facts(self) -> OrientationFacts:
-        """The facts for manifests and `lfpipe scene info`."""
+    def facts(self, stated_inverted: bool | None) -> OrientationFacts:
+        """The facts for manifests and `lfpipe scene info`; a stated depth order is certain."""
         return OrientationFacts(
             by=self.by,
             sure=self.sure,
             reason=self.reason,
             undecided=self.undecided,
-            invert_depth=self.invert_depth,
-            depth_order_sure=self.depth_order_sure,
+            invert_depth=self.invert_depth if stated_inverted is None else stated_inverted,
+            depth_order_sure=self.depth_order_sure or stated_inverted is not None,
         )
 
 

@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe._version import __version__
 from lfpipe.errors import plain
+from lfpipe.files.pictures import STRIP_ROWS
 from lfpipe.host import file_lock
 from lfpipe.host.files import exists
 from lfpipe.host.processes import usable_cores
 from lfpipe.plugins import LAYOUTS, blaming
 from lfpipe.scene import cache
 from lfpipe.scene.analysis import (
-    STRIP_ROWS,
     AnalysedScene,
     FrameIndex,
     analyse_source,
@@ -74,7 +74,6 @@ Score = Callable[[LightField], MethodScores]
 _BUFFER_BYTES = 200_000_000  # for views that are processed at the same time
 _INTERIM_PX = 1 / 64  # step of the interim int16 maps, until the range of the whole scene is known
 _UNKNOWN = -32768  # in the interim maps: UNKNOWN
-_NO_LIMIT_PX = 400.0  # larger disparities between neighbours are impossible
 
 
 def pack_scene(
@@ -142,7 +141,7 @@ def manifest_of(scene: AnalysedScene, key: str = "") -> Manifest:
         bit_depth=source.bit_depth,
         frame_rate_hz=source.frame_rate_hz,
         flips=scene.turn,
-        orientation=scene.orientation_facts,
+        orientation=scene.orientation.facts(source.stated_inverted),
         gamma=scene.gamma,
         gamma_by=scene.gamma_by,
         geometry=source.geometry,
@@ -334,7 +333,7 @@ def _estimate(
                 best = true
         stored, unknown = stored_map(here, around, best, factor)
         ranges[place] = np.percentile(stored, (0.1, 99.9))
-        steps = np.clip(stored, -_NO_LIMIT_PX, _NO_LIMIT_PX) * np.float32(1 / _INTERIM_PX)
+        steps = np.clip(stored * np.float32(1 / _INTERIM_PX), _UNKNOWN + 1, -_UNKNOWN - 1)
         steps[unknown] = _UNKNOWN
         interim()[place] = np.rint(steps).astype(np.int16)
 

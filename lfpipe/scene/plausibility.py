@@ -161,17 +161,17 @@ def plausible(source: SceneSource) -> tuple[SceneSource, Measurements | None]:
     )
     if measured.far is not None:
         share = max(map(abs, measured.far))
-        doubt = f"the views are too far apart ({share:.0%} of the width): no views are made between"
-        return attrs.evolve(source, doubt=_joined(source.doubt, f"{doubt} them")), measured
+        doubt = (
+            f"the views are too far apart ({share:.0%} of the width): no views are made between"
+            " them"
+        )
+        doubts = filter(None, (source.doubt, doubt))
+        return attrs.evolve(source, doubt="; ".join(doubts)), measured
     if measured.explained < FITS:
         return attrs.evolve(source, notes=(*source.notes, HARDLY_FIT)), measured
     if measured.moved_px < _NOTHING_PX:
         return _as_one(source), measured
     return source, measured
-
-
-def _joined(*doubts: str) -> str:
-    return "; ".join(filter(None, doubts))
 
 
 def _as_one(source: SceneSource) -> SceneSource:

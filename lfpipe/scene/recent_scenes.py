@@ -11,7 +11,6 @@ from lfpipe.host.files import exists
 
 # several screens of thumbnails
 COUNT = 40
-MAX_BYTES = 1 << 18
 
 
 def _file() -> Path:
@@ -21,7 +20,7 @@ def _file() -> Path:
 def _read() -> list[Path]:
     """The scenes of the list, without checking that they exist."""
     try:
-        paths = json.loads(read_bytes(_file(), MAX_BYTES))
+        paths = json.loads(read_bytes(_file()))
     except (OSError, ValueError):
         return []
     if not isinstance(paths, list):

@@ -59,7 +59,6 @@ FILES = (PACKETS, INDEX, TRUTH)
 # files whose sums the manifest holds; every packet has its own in the index
 SUMMED = (INDEX, TRUTH)
 SUMMED_BYTES = MAX_PACKETS * LINE_BYTES  # of the longest index
-MANIFEST_BYTES = 1 << 18  # one of ours has some 1 kB
 MAX_HZ = 100_000.0  # no camera is faster
 
 
@@ -303,7 +302,7 @@ def _manifest(path: Path) -> Fields:
     """The manifest; the types of its optional entries have been checked."""
     where = path / MANIFEST
     try:
-        data = read_bytes(where, MANIFEST_BYTES)
+        data = read_bytes(where)
     except (FileNotFoundError, NotADirectoryError):
         what = (
             f"not a recorded sequence: {MANIFEST} is missing"

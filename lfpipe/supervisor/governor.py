@@ -37,8 +37,9 @@ FULL_SHARE, HEADROOM_SHARE = 0.9, 0.6  # busy share of the time: above is lag, b
 FORGET = 0.5  # s of lag that one second without lag cancels
 HICCUP_S = 0.25  # limit of one sample: a process that was stopped or starved once does not lag
 HEADROOM_LOSS = 5.0  # s of headroom that one second without headroom cancels
-SILENT_S = 1.0  # after this time without output, the headroom of a stage is unknown
-GAP_S = 1.0  # between two samples: the machine or the supervisor was suspended
+# Between two samples: the machine or the supervisor was suspended. After this time without output,
+# the headroom of a stage is unknown.
+GAP_S = 1.0
 SAMPLE_NS = SECOND_NS // 10  # five samples within LAG_S
 SETTLE_NS = SECOND_NS  # after a start: caches are cold, and the first pictures are late
 
@@ -114,7 +115,7 @@ class _Stage:
         due = load.done + load.missed
         self.silent = Load() if due else load
         if not due:
-            return None if load.span_s > SILENT_S else True
+            return None if load.span_s > GAP_S else True
         lags = load.missed > LATE_SHARE * due or load.share > FULL_SHARE
         change_s = min(load.span_s, HICCUP_S) if lags else -FORGET * load.span_s
         self.lag_s = max(0.0, self.lag_s + change_s)

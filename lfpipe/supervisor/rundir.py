@@ -21,7 +21,7 @@ from lfpipe.transport import control
 from lfpipe.transport.session import LIVE, PREFIX, Session, base_dir
 
 # to take a lock: a process that sweeps or lists sessions holds one briefly
-ATTEMPTS, PAUSE_S = 30, 0.01
+ATTEMPTS = 30
 
 
 def _is_own_directory(path: Path) -> bool:
@@ -127,7 +127,7 @@ def take(path: Path, in_use: UserError) -> Lock:
     for _ in range(ATTEMPTS):
         if (lock := take_lock(path / "lock", make=True)) is not None:
             break
-        time.sleep(PAUSE_S)
+        time.sleep(file_lock.PAUSE_S)
     else:
         raise in_use
     try:

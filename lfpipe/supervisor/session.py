@@ -42,21 +42,19 @@ from lfpipe.supervisor.stage_process import (
     StageProcesses,
 )
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
+from lfpipe.transport.context import BEAT_NS, IDLE_BEAT_NS
 from lfpipe.transport.control import EXECUTED, BadMessage, Message
 from lfpipe.transport.ring_io import StageSpec
 from lfpipe.transport.session import Session, SessionManifest
 from lfpipe.transport.status import Row
 
 logger = logging.getLogger(__name__)
-# Heartbeats are due as often, also while stages are idle; a descriptor wakes the loop sooner.
-TICK_NS, IDLE_TICK_NS = 100 * MS_NS, 500 * MS_NS
 PENDING_NS = 4 * MS_NS  # between two checks of the stages while answers wait for them
 LAST_MS = 20  # without a message, until those of the stages that have ended were read
 IDLE_NS = 10 * SECOND_NS  # longer than a viewer turns away or leans out
 ASKED_OFTEN = ("hello", "status", "pictures")  # requests that change nothing
 SHOWN_TOPICS = ("source", "notice")  # telemetry for people
 LOGGED_TOPICS = ("parallax",)  # it changes with the viewer's distance
-MAX_LINE = 2000  # characters of telemetry; a line of ours has some hundred
 REDUCED = "CPU overloaded: picture quality reduced (`lfpipe monitor` shows how and why)"
 RECORDER_ENDED = "the recorder stopped early and nothing else was running"
 INTERNAL = {
@@ -176,7 +174,7 @@ class LiveSession:
         for part in (self.stages, self._sockets, self._loads):
             for fd in part.fds:
                 poller.register(fd, zmq.POLLIN)
-        waits_ns = [IDLE_TICK_NS if self.state.idle else TICK_NS]
+        waits_ns = [IDLE_BEAT_NS if self.state.idle else BEAT_NS]  # as the stages
         if self._ended:
             waits_ns.append(0)
         if self._pending:
@@ -416,7 +414,7 @@ class LiveSession:
             if message["topic"] in LOGGED_TOPICS:
                 logger.info("%.500s", text)
                 continue
-            self.notify(plain(text, MAX_LINE))
+            self.notify(plain(text))
 
     def _reply(self, request: Request) -> Reply | None:
         request.decode()
@@ -445,7 +443,7 @@ class LiveSession:
             answer = {"ok": False, "error": error.message, "remedy": error.remedy}
         elif isinstance(error, BadMessage):
             # parts of the text come from outside
-            answer = {"ok": False, "error": plain(str(error), 2000)}
+            answer = {"ok": False, "error": plain(str(error))}
         else:
             stack = "".join(traceback.format_exception(error))
             self.notify(f"internal error while handling a message; the session continues\n{stack}")

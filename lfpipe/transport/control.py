@@ -22,6 +22,7 @@ VERSION = 2
 MAX_BYTES = 64 * 1024  # a playlist of hundreds of scenes fits
 MAX_DEPTH = 8  # the snapshot needs 4
 FILE_CHECK_TIMEOUT_S = 15.0  # for an answer to a request that opens a file or a camera
+LOAD_TIMEOUT_S = 900.0  # to a request that packs a large scene
 EXECUTED = "executed"  # with it, a stage answers a command that it has executed
 MAX_ID_BYTES = 64  # of the id of a request
 Message = dict[str, Any]  # plain values by name

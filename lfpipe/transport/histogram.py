@@ -10,9 +10,11 @@ counts may then be off by one, but never corrupt.
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.files.untrusted import MAX_INTEGER
+
 LAST_OCTAVE = 26  # values to 2^32 us, 71 minutes; longer values go to the last bucket
 BUCKETS = (LAST_OCTAVE << 5) + 64  # 32 an octave, after 64 of single microseconds
-MAX_NS = (1 << 63) - 1  # of a 64-bit counter
+MAX_NS = MAX_INTEGER  # of a 64-bit counter
 Times = dict[str, float]  # of `summary_ms`
 HISTOGRAM = np.dtype(
     [("count", "<i8"), ("sum_ns", "<i8"), ("max_ns", "<i8"), ("buckets", "<i8", (BUCKETS,))]

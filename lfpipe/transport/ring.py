@@ -43,11 +43,11 @@ from numpy.typing import DTypeLike, NDArray
 
 from lfpipe.host import segment
 from lfpipe.host.machine import fence
+from lfpipe.host.segment import PAGE as PAGE
 from lfpipe.host.segment import Segment
 from lfpipe.transport.clock import now_ns
 
 MAGIC = b"LFRING1\0"
-PAGE = 4096
 # offsets in the header: a cache line for each writer's field
 PUBLISHED, EPOCH, DESCRIPTION = 128, 192, 256
 SLOT_HEADER = 64  # a cache line

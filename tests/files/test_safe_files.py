@@ -44,7 +44,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def text(name: str) -> Read:
-    return lambda folder: safe_files.read_text(folder / name, 1000, name, "another one")
+    return lambda folder: safe_files.read_text(folder / name, name, "another one")
 
 
 def links(*names: str) -> Read:

@@ -51,7 +51,7 @@ def kiosk_code(file: Path | None) -> str:
     """
     if file is not None:
         code = read_text(
-            file, 256, f"--code-file {file}", "specify a file that contains the code"
+            file, f"--code-file {file}", "specify a file that contains the code"
         ).strip()
     elif not (code := os.environ.get(VARIABLE, "")):
         raise UserError(

@@ -79,7 +79,7 @@ def read_plan(path: Path) -> list[Cell]:
 
     Raises UserError with the key, the value and the remedy.
     """
-    table = toml_table(read_text(path, 1 << 20, str(path), REMEDY), str(path), REMEDY)
+    table = toml_table(read_text(path, str(path), REMEDY), str(path), REMEDY)
     _check_names(f"{path}: ", table, ("sequences", "scenes", "subjects", "config", "table"))
     texts = {key: table.get(key, []) for key in ("sequences", "scenes", "subjects")}
     for key, values in texts.items():

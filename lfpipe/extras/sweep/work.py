@@ -24,7 +24,7 @@ from lfpipe.files.output import write_output
 from lfpipe.files.safe_files import read_text
 from lfpipe.files.untrusted import json_fields
 from lfpipe.host.files import exists, is_dir
-from lfpipe.replays.report import REPORT, REPORT_BYTES, read_report
+from lfpipe.replays.report import REPORT, read_report
 
 REFERENCE = "metrics.json"  # in the reference of a cell without pictures
 AGAIN = "copy the whole folder again, or rewrite it with --update"
@@ -237,7 +237,7 @@ def _compared(cell: Cell, metrics: dict[str, Any], place: Path, update: bool) ->
         write_output(place / REFERENCE, json.dumps(metrics, indent=1).encode(), label="--expect")
         return OK, ""
     path = place / REFERENCE
-    was = json_fields(read_text(path, REPORT_BYTES, str(path), AGAIN), str(path), AGAIN)
+    was = json_fields(read_text(path, str(path), AGAIN), str(path), AGAIN)
     wrong = [
         f"{name}: {value} in the reference, now {metrics.get(name)}"
         for name in was.values

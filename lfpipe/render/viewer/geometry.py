@@ -16,7 +16,7 @@ import math
 
 import attrs
 
-from lfpipe.config import Config
+from lfpipe.config import Config, options
 from lfpipe.config.camera_pose import camera_focal_px
 from lfpipe.eyes import MIN_EYE_DISTANCE_PX
 from lfpipe.render.synthesis.viewpoint import zero_plane_px
@@ -26,7 +26,7 @@ from lfpipe.scene.source import Geometry
 # width of a picture that fills a 24 inch screen, used if the monitor size is unknown
 PICTURE_MM = 530.0
 SEAT_MM = 600.0  # assumed distance of the viewer until a face is seen
-NEAREST_MM, FARTHEST_MM = 50.0, 50000.0  # the range of screen.distance_mm
+DISTANCE = options()["screen.distance_mm"]
 # limits that most people fuse immediately: docs/comfort.md
 FUSED_RAD = math.radians(1.0)
 FUSED_WIDTH = 0.03
@@ -119,7 +119,7 @@ def parallax(
         distance_mm = float(screen.distance_mm)
         why = "configured"
     elif seen_px is not None:
-        distance_mm = min(max(focal_px * eyes_mm / seen_px, NEAREST_MM), FARTHEST_MM)
+        distance_mm = min(max(focal_px * eyes_mm / seen_px, DISTANCE.low), DISTANCE.high)
         why = f"eyes {seen_px:.0f} px apart"
     else:
         distance_mm = SEAT_MM

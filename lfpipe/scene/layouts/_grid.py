@@ -15,13 +15,13 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import MAX_DECODING_BYTES, Header, open_header, read_picture, small_grey
 from lfpipe.scene.files import MAX_FILES, Listing
-from lfpipe.scene.layouts._likeness import MIN_VIEW_PX, Running, find_columns, reduced
+from lfpipe.scene.layouts._likeness import MIN_VIEW_PX, Running, find_columns
 from lfpipe.scene.layouts._names import MAX_SIDE, NumberedNames, is_map, placed, read_names, spaced
 from lfpipe.scene.layouts._stated import taken
+from lfpipe.scene.optical_flow import LOOK_PX
 from lfpipe.scene.source import GridTransform, SceneSource, ViewIndex
 
 FULL = 0.75  # minimum share of a grid that has views
-_SMALL_PX = 256  # side of pictures compared to find the columns of a running number
 GRID_REMEDY = (
     "state the grid: `lfpipe scene describe FOLDER --grid ROWSxCOLS`; or name the views"
     " view_ROW_COLUMN.png, or give one picture by its own path"
@@ -209,7 +209,7 @@ def _laid_out(
 
     def filled(names: Mapping[int, str]) -> Running | None:
         def read(position: int) -> NDArray[np.uint8]:
-            return reduced(small_grey(listing.file(names[position]), _SMALL_PX**2), _SMALL_PX)
+            return small_grey(listing.file(names[position]), LOOK_PX)
 
         return find_columns(read, [at in names for at in range(max(names) + 1)], grid)
 

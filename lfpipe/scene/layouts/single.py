@@ -32,7 +32,6 @@ from lfpipe.scene.layouts._likeness import (
     find_tiles,
     is_anaglyph,
     plane_of,
-    reduced,
 )
 from lfpipe.scene.layouts._names import ANAGLYPH, words
 from lfpipe.scene.layouts._stated import unread_depth
@@ -47,7 +46,6 @@ from lfpipe.scene.layouts._tiles import (
 from lfpipe.scene.source import GridTransform, Layout, SceneSource
 from lfpipe.scene.video import USUAL_RATE_HZ, Video, second_stream, telling_frame
 
-_SMALL_PX = 128  # side of frames to compare
 _STILLS = ("JPEG", "TIFF", "HEIF")  # several pictures in one such file are no animation
 
 
@@ -101,8 +99,7 @@ def _describe_animation(listing: Listing, scene: config.Scene) -> SceneSource:
     given = grid is not None and math.prod(grid) == len(frames)
     if is_video and grid is not None and not given:  # of the tiles in each frame
         return _describe_tiles("mosaic-video", listing, scene)
-    small = [plane_of(reduced(frame, _SMALL_PX)) for frame in frames]
-    run = find_columns(small.__getitem__, [True] * len(frames), grid)
+    run = find_columns(lambda at: plane_of(frames[at]), [True] * len(frames), grid)
     if run is None:
         raise misfit(str(path), len(frames), grid)
     height, width = frames[0].shape[:2]
