@@ -21,6 +21,7 @@ from lfpipe.render.synthesis.compositor import (
 from lfpipe.render.synthesis.scene_views import stored_channels
 from lfpipe.render.synthesis.scoring import SCREEN_PX, measure_costs
 from lfpipe.render.viewer.geometry import alpha_is_automatic
+from lfpipe.scene.classification import CONFIRMED
 from lfpipe.scene.lightfield import LightField
 
 
@@ -140,6 +141,11 @@ def _why_no_warp(plan: Plan, field: LightField, render: Render) -> str:
         return f"render.method is {plan.method}"
     if field.disparity is None:
         return "the scene has no disparity"
+    if (confirmed := field.manifest.disparity.confirmed) < CONFIRMED:
+        return (
+            f"only {confirmed:.0%} of the disparity of the two pictures is confirmed by both: they"
+            " are shown as stored, shifted"
+        )
     scores = ", ".join(f"{name} {value:.1f} dB" for name, value in field.manifest.scores.items())
     return (
         f"{plan.method} predicts held-out views as well ({scores})"

@@ -10,6 +10,8 @@ from lfpipe.config.quality import METHODS
 
 WORTH_DB = 0.25  # minimum gain of a costlier method: a smaller one is invisible
 WARPED_PX = 0.5  # minimum disparity to warp if no view can be held out
+# Minimum share of a pair's disparity that both views confirm: profiling/results/synthesis.md
+CONFIRMED = 0.5
 BLEND_PX = 2.0  # maximum disparity at which a cross-fade shows hardly any double edges
 
 

@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 
 from lfpipe.host.machine import add
 from lfpipe.scene.lightfield import UNKNOWN, Depth
-from lfpipe.scene.optical_flow import SMALLEST_PX, FloatMap, Grey, fine_flow, grid_xy
+from lfpipe.scene.optical_flow import (
+    SMALLEST_PX,
+    FloatMap,
+    Grey,
+    displaced,
+    fine_flow,
+    grid_xy,
+)
 
 # (picture, rows away, columns away), fractions allowed
 Neighbours = list[tuple[Grey, float, float]]
@@ -45,6 +52,7 @@ OUTSIDE = 64.0  # grey levels of a match outside the neighbour's picture
 BORDER = 0.03  # of the width, at either side: the screen edge cuts it off within a few views
 # percentile: at the border, where neighbours see different parts, a few values are wrong
 EXTREME = 5
+RETURN_PX, RETURN_SHARE = 0.5, 0.05  # tolerance of disparity followed back: px of the maps, share
 _BOX = (5, 5)  # px whose errors count together
 
 
@@ -402,6 +410,23 @@ def border_range(disparity_px: FloatMap) -> tuple[float, float]:
     known = values[np.isfinite(values)]
     low, high = np.percentile(known, (EXTREME, 100 - EXTREME)) if len(known) else (0.0, 0.0)
     return round(float(low), 4), round(float(high), 4)
+
+
+def confirmed_share(steps: NDArray[np.int8], scale_px: float, axis: int) -> float:
+    """The share of the known pixels of a pair of stored maps, (2, h, w), whose disparity leads to
+    one of the other view that leads back. axis: x or y, along which the views lie.
+    """
+    maps = np.where(steps == UNKNOWN, np.nan, steps * np.float32(scale_px / 2))
+    shares = list[float]()
+    for sign, here, there in ((-1, *maps), (1, *maps[::-1])):
+        by_px = np.zeros((*here.shape, 2), np.float32)
+        by_px[..., axis] = sign * np.nan_to_num(here)
+        to = grid_xy(*here.shape)[axis] + by_px[..., axis]
+        off = np.abs(displaced(there, by_px) - here)
+        counted = ~np.isnan(here) & (to >= 0) & (to < here.shape[1 - axis])
+        agree = off[counted] < RETURN_PX + RETURN_SHARE * np.abs(here[counted])
+        shares.append(np.count_nonzero(agree) / max(1, agree.size))
+    return min(shares)
 
 
 def quantised(disparity_px: FloatMap, scale_px: float) -> NDArray[np.int8]:

@@ -60,6 +60,8 @@ class Disparity(Depth):
 
     source: DisparitySource = DisparitySource.NONE
     scale_px: float = 1 / 16
+    confirmed: float = 1.0
+    """Of a pair, the share of the pixels for which the maps of both views agree."""
 
 
 @attrs.frozen(kw_only=True)

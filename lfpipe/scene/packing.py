@@ -32,10 +32,11 @@ from lfpipe.scene.analysis import (
     checked_source,
     is_grey,
 )
-from lfpipe.scene.classification import best_method
+from lfpipe.scene.classification import CONFIRMED, best_method
 from lfpipe.scene.disparity import (
     border_range,
     compared,
+    confirmed_share,
     halved,
     luma,
     mean_square_mismatch,
@@ -239,7 +240,11 @@ def _complete(scene: AnalysedScene, folder: Path, score: Score, progress: Progre
                 manifest,
                 scores=found.psnr_db,
                 errors={name: tuple(errors) for name, errors in found.errors.items()},
-                method=best_method(found.psnr_db, disparity.reach_px, field.disparity is not None),
+                method=best_method(
+                    found.psnr_db,
+                    disparity.reach_px,
+                    field.disparity is not None and disparity.confirmed >= CONFIRMED,
+                ),
             )
             progress("method", 1, 1)
         write_manifest(folder, manifest)
@@ -291,7 +296,11 @@ def write_disparity(scene: AnalysedScene, folder: Path, progress: Progress) -> D
     ends = out()[scene.source.telling, rows // 2, [0, cols // 2, cols - 1]]
     interim_file.unlink()
     low, high = border_range(np.where(ends == UNKNOWN, np.nan, ends * np.float32(scale_px)))
-    return attrs.evolve(about, border_low_px=low, border_high_px=high)
+    confirmed = 1.0
+    if rows * cols == 2:
+        pair = out()[scene.source.telling].reshape(2, *shape[3:])
+        confirmed = confirmed_share(pair, scale_px, 0 if cols == 2 else 1)
+    return attrs.evolve(about, border_low_px=low, border_high_px=high, confirmed=confirmed)
 
 
 def _estimate(

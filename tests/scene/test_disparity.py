@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from lfpipe.scene.disparity import (
+    confirmed_share,
     estimate_disparity,
     luma,
     neighbour_indices,
@@ -14,6 +15,7 @@ from lfpipe.scene.disparity import (
     refined,
     scale_for,
 )
+from lfpipe.scene.lightfield import UNKNOWN
 from lfpipe.scene.optical_flow import SMALLEST_PX, flow
 from tests.bench.inputs import wall
 from tests.scene import made
@@ -35,6 +37,17 @@ def test_refinement_pulls_a_map_to_where_all_neighbours_agree_and_leaves_flat_pi
     flat = np.full((64, 64), 90, np.uint8)
     found = refined(flat, [(flat, 0.0, 1.0), (flat, 1.0, 0.0)], np.full((64, 64), 1.7, np.float32))
     np.testing.assert_allclose(found, 1.7, atol=1e-4)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_maps_of_a_pair_confirm_each_other_where_they_lead_back(axis: int) -> None:
+    steps = np.full((2, 60, 80), 32, np.int8)  # 4 px of the pictures
+    assert confirmed_share(steps, 0.125, axis) == 1.0
+    steps[0, :, :20] = UNKNOWN
+    assert 0.7 < confirmed_share(steps, 0.125, axis) < 0.8, "what is unknown confirms nothing"
+    steps[1, :30] = -32
+    assert 0.3 < confirmed_share(steps, 0.125, axis) < 0.5
+    assert confirmed_share(np.full_like(steps, UNKNOWN), 0.125, axis) == 0
 
 
 def test_scales_hold_the_range() -> None:

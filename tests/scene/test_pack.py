@@ -18,6 +18,7 @@ import pytest
 
 from lfpipe import config
 from lfpipe.errors import UserError
+from lfpipe.render.plan import make_plan
 from lfpipe.render.synthesis.scoring import scores
 from lfpipe.scene import cache
 from lfpipe.scene.lightfield import LightField
@@ -191,6 +192,21 @@ def test_a_pack_has_what_its_scene_and_settings_say(
     for name, value in expected.items():
         assert attrgetter(name)(field) == value, name
     assert views is None or np.array_equal(pictures(field), views)
+
+
+def test_a_pair_without_confirmed_disparity_is_shown_as_stored(
+    tmp_path: Path, scene_config: config.Scene
+) -> None:
+    left, right = made.views(1, 2)[0]
+    for name, shuffled in (("whole", False), ("torn", True)):
+        blocks = np.split(right, 16, axis=1)
+        order = np.random.default_rng(7).permutation(16) if shuffled else range(16)
+        made.write(tmp_path / name / "a_left.png", left)
+        made.write(tmp_path / name / "a_right.png", np.concatenate([blocks[k] for k in order], 1))
+        field = pack_scene(tmp_path / name, scene_config, scores)
+        plan = make_plan(field, config.Config())
+        told = [one.why for one in plan.left_out if "confirmed by both" in one.why]
+        assert (field.method == "nearest") == bool(told) == shuffled
 
 
 @pytest.mark.parametrize("row", [0, 2], ids=["corner", "middle"])
