@@ -8,12 +8,14 @@ paper's method shows, by their measured lags; below, the head moves.
 live: a moving scene, whose two views and disparity are those of a session, through the red and
 through the cyan filter, from two places of the head.
 monitor: the terminal and the page (which needs chromium and chromedriver) of a running demo.
-window: under Xvfb (with xdotool): thumbnails (key Tab), a change and a pause (keys m, p), the
-glasses test (key g), side by side; and the pictures of three camera frames from its trace.
+window: under Xvfb (with xdotool): the bar, and the choice of scenes (key Tab), side by side; and
+the pictures of three camera frames from its trace.
+interface: docs/pictures.json, digests of what these show; a test fails where they are old.
 thumbnails: of the demo's scenes, for the window. Nothing named: all.
 """
 
 import argparse
+import hashlib
 import io
 import itertools
 import json
@@ -36,18 +38,27 @@ from rich.console import Console
 
 import lfpipe
 from lfpipe.config import LiveSource, Scene
+from lfpipe.extras.web.server import STATIC
 from lfpipe.live.estimator import Estimator
 from lfpipe.live.field import LiveViews
 from lfpipe.live.records import disparity_dtype, pairs_in_need, views_of
 from lfpipe.monitor.monitor import screen_view
-from lfpipe.monitor.session_reader import Follower
-from lfpipe.render.display.window_system import FONT
+from lfpipe.monitor.session_reader import Follower, Sample
+from lfpipe.render.display.display import Overlay
+from lfpipe.render.display.window_system import FONT, pygame
+from lfpipe.render.ui.keys import HELP, bar_items
+from lfpipe.render.ui.look import NO_HIGHLIGHT
+from lfpipe.render.ui.overlay_view import bar_panel, menu_panel, text_panel
+from lfpipe.render.ui.pages import glasses_menu
 from lfpipe.render.ui.scenes import THUMBNAILS
 from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import NAMES, SIZE_PX, demo_scene
 from lfpipe.scene.demo_drawing import draw_view
 from lfpipe.scene.demo_scenes import moving_solids
+from lfpipe.supervisor.metrics import session_metrics
+from lfpipe.supervisor.process_table import CORE, METRICS
 from lfpipe.transport.clock import MS_NS
+from lfpipe.transport.status import ROW, SESSION
 from tests.support.browser import Browser, missing
 from tests.support.world import World, private_world
 from tests.support.xvfb_screen import Screen, x_server
@@ -69,7 +80,7 @@ FLOOR = (246, 248, 250)
 SKIN, SHADE, HAIR = (241, 212, 184), (222, 186, 154), (78, 58, 46)
 RED = (216, 52, 59)
 CYAN = (0, 165, 181)
-SIDE_PX, WINDOW_COLOURS, THUMBNAIL_PX = 320, 160, 320
+SIDE_PX, WINDOW_COLOURS, THUMBNAIL_PX = 640, 255, 320
 ROWS = (
     "camera, driver, decoding",
     "tracking",
@@ -285,7 +296,7 @@ def window(out: Path) -> None:
     with (
         private_world() as world,
         tempfile.TemporaryDirectory() as folder,
-        x_server(["Xvfb", "-screen", "0", "1280x800x24", "-fbdir", folder], Path(folder)) as name,
+        x_server(["Xvfb", "-screen", "0", "1280x1024x24", "-fbdir", folder], Path(folder)) as name,
     ):
         screen = Screen(name, Path(folder) / "Xvfb_screen0")
         trace = Path(folder) / "trace.jsonl"
@@ -297,25 +308,44 @@ def window(out: Path) -> None:
             time.sleep(0.5)
         time.sleep(8.0)
         lines = trace.read_text().splitlines()[:-1]
-        # thumbnails come; the bar goes
-        for keys, wait_s in ((["Tab"], 14.0), (["Tab", "m", "p"], 0.0), (["p", "m", "g"], 4.0)):
-            for key in keys:
-                subprocess.run(
-                    ["xdotool", "key", key], env={**world.env, "DISPLAY": name}, check=True
-                )
-                time.sleep(1.0)
-            if not wait_s:
-                words = ["xdotool", "mousemove", "600", "400", "mousemove", "640", "420"]
-                subprocess.run(words, env={**world.env, "DISPLAY": name}, check=True)
-            time.sleep(wait_s or 0.8)
-            seen.append(
-                cv2.resize(screen.shown(), (SIDE_PX, SIDE_PX), interpolation=cv2.INTER_AREA)
-            )
+        move = ["mousemove", "600", "400", "mousemove", "640", "420"]
+        for words, wait_s in ((["key", "y", *move], 1.0), (["key", "Tab"], 14.0)):
+            subprocess.run(["xdotool", *words], env={**world.env, "DISPLAY": name}, check=True)
+            time.sleep(wait_s)
+            side = (SIDE_PX, SIDE_PX)
+            seen.append(cv2.resize(screen.shown(), side, interpolation=cv2.INTER_AREA))
         session.terminate()
         session.wait(30)
     whole = Image.fromarray(cv2.cvtColor(np.hstack(seen), cv2.COLOR_BGR2RGB))
     whole.quantize(WINDOW_COLOURS, dither=Image.Dither.NONE).save(out / "window.png", optimize=True)
     timeline([json.loads(line) for line in lines], out)
+
+
+def digests() -> dict[str, str]:
+    """Of what window.png, page.png and monitor.svg show, and the version that drew the window."""
+    size_px = (920, 690)
+    pygame.font.init()
+    panels = (
+        bar_panel(bar_items(0.15, False, False, frozenset()), NO_HIGHLIGHT, size_px, 18),
+        menu_panel(glasses_menu("dubois"), 0, size_px, 18),
+        text_panel(Overlay(lines=HELP), size_px[1], size_px, 18),
+    )
+    rows = {name: np.zeros((), ROW) for name in CORE}
+    state = session_metrics("default", rows, METRICS, np.zeros((), SESSION), 0)
+    console = Console(width=80, record=True, file=io.StringIO())
+    console.print(screen_view("default", Sample(state)))
+    page = [(STATIC / name).read_bytes() for name in ("index.html", "page.css")]
+    parts = {
+        "window": [pygame.image.tobytes(panel.surface, "RGB") for panel in panels],
+        "page": page,
+        "monitor": [re.sub(r"\d+", "0", console.export_text()).encode()],
+    }
+    sums = {name: hashlib.sha256(b"".join(part)).hexdigest() for name, part in parts.items()}
+    return {"pygame-ce": pygame.version.ver, **sums}
+
+
+def interface(out: Path) -> None:
+    (out / "pictures.json").write_text(json.dumps(digests(), indent=1) + "\n")
 
 
 def thumbnails(_out: Path) -> None:
@@ -384,6 +414,7 @@ def main() -> None:
         "monitor": monitor,
         "window": window,
         "thumbnails": thumbnails,
+        "interface": interface,
     }
     for name in options.names or makers:
         makers[name](options.out)
