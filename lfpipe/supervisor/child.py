@@ -98,7 +98,7 @@ def _run_stage(spec: StageSpec, parent_pid: int, run_dir: Path, stack: TextIO) -
     context.row["state"] = State.STOPPING
     context.close()
     if os.getppid() != parent_pid:
-        rundir.sweep()  # the supervisor was killed: the last stage cleans up
+        rundir.sweep_own(run_dir)  # the supervisor was killed: the last stage cleans up
     with contextlib.suppress(OSError):  # the terminal is closed
         sys.stdout.flush()
         sys.stderr.flush()

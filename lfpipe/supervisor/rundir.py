@@ -16,6 +16,7 @@ from pathlib import Path
 from lfpipe.errors import UserError
 from lfpipe.host import file_lock, processes
 from lfpipe.host.file_lock import Lock
+from lfpipe.host.files import is_missing
 from lfpipe.host.limits import REMEDIES
 from lfpipe.transport import control
 from lfpipe.transport.session import LIVE, PREFIX, Session, base_dir
@@ -183,6 +184,18 @@ def sweep() -> list[str]:
                 remove(path, lock)
                 swept.append(name or path.name)
     return swept
+
+
+def sweep_own(run_dir: Path) -> None:
+    """Removes the directory of a killed supervisor, as each of its stages does at its end: one that
+    comes while another one sweeps tries again.
+    """
+    for _ in range(ATTEMPTS):
+        if (lock := take_lock(run_dir / "lock")) is not None:
+            remove(run_dir, lock)
+        if is_missing(run_dir):
+            return
+        time.sleep(file_lock.PAUSE_S)
 
 
 def running() -> list[str]:

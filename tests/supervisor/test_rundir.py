@@ -7,6 +7,7 @@ import shutil
 import stat
 import sys
 from pathlib import Path
+from threading import Timer
 
 import pytest
 import zmq
@@ -142,6 +143,19 @@ def test_sweep_removes_a_killed_session_alone(base: Path, name: str) -> None:
     with holding(base, f"{name}.2"):
         assert [path.name for path in base.iterdir()] == [f"{PREFIX}{name}.2"]
         assert Session(f"{name}.2").segment("frames").exists()
+
+
+def test_a_stage_that_ends_while_another_one_sweeps_tries_again(base: Path, name: str) -> None:
+    """The other one gives up, because a file came in the meantime."""
+    run_dir = Session(name).run_dir
+    lock = rundir.take_lock(run_dir / "lock", make=True)
+    assert lock is not None
+    (run_dir / "late").touch()
+    timer = Timer(0.05, lock.release)
+    timer.start()
+    rundir.sweep_own(run_dir)
+    timer.join()
+    assert not list(base.iterdir())
 
 
 def test_session_without_its_directory_leaves_the_next_alone(base: Path, name: str) -> None:
