@@ -131,12 +131,6 @@ class RingInput:
         elif not self._lock_step:
             self.give_credit()
 
-    def skip(self) -> None:
-        """Ignores everything published until now, without counting it."""
-        self.wake.drain()
-        self.reader.last_seq = self.reader.published
-        self.give_credit()
-
     def done(self) -> None:
         """Reports that everything taken has been processed.
 

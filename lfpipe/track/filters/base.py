@@ -25,8 +25,6 @@ class EyeFilter(ABC):
     extrapolation.
     """
 
-    predicts = False
-    """Whether it reports a velocity."""
     restarts_after_loss = False
     """Whether it is reset when the face is lost, so that it never mixes data from before and after.
     """

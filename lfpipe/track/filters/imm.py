@@ -27,7 +27,6 @@ from lfpipe.track.filters.velocity import FRAME_S, GrowthLimit, LearntMotion, Ve
 class ImmFilter(EyeFilter):
     """The default filter. device_latency_s: delay of camera and display that predictions cover."""
 
-    predicts = True
     holds_when_hidden = True
 
     def __init__(self, device_latency_s: float = 0.0) -> None:
