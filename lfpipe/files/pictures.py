@@ -90,6 +90,11 @@ class Header:
         return f"{self.width_px}x{self.height_px} px"
 
     @property
+    def bits(self) -> str:
+        """For messages."""
+        return f"{self.max_value.bit_length()}-bit"
+
+    @property
     def holds_pair(self) -> bool:
         """Whether it says that it is a stereo pair."""
         return (bool(self.eyes) and self.eyes_sure) or (self.jps or 0) & 0xFF == 1
