@@ -18,7 +18,6 @@ from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.errors import UserError
 from lfpipe.files.output import check_output, write_output
 from lfpipe.host.files import is_dir
-from lfpipe.log import set_up
 from lfpipe.render.plan import make_plan, planned_levels
 from lfpipe.render.synthesis.compositor import ViewRenderer
 from lfpipe.scene.cache import cache_dir, packed, packs, remove, sweep
@@ -181,17 +180,9 @@ def plan(path: Path, as_json: bool, config: Config) -> None:
 @SCENE
 @with_scene
 @JSON
-@click.option(
-    "-v",
-    "--verbose",
-    is_flag=True,
-    help="Also log what was measured.",
-)
-def info(path: Path, as_json: bool, verbose: bool, config: Config) -> None:
+def info(path: Path, as_json: bool, config: Config) -> None:
     """Show SCENE's layout, grid, order of views, disparity and geometry."""
-    if verbose:
-        set_up(1)
-    field = None if verbose else packed(path, config.scene, complete=True)
+    field = packed(path, config.scene, complete=True)
     manifest = field.manifest if field else ask_manifest(path, config.scene)
     pack = field.folder if field else ""
     if as_json:

@@ -168,8 +168,6 @@ class SessionOptions:
     trace: str = ""
     # file for the last picture
     still: str = ""
-    # file of a trace that was started later
-    timeline: str = ""
     # folder of a running recording
     record: str = ""
     # names of rings that exist only on demand

@@ -60,30 +60,23 @@ class TraceFile:
     reason.
     """
 
-    def __init__(
-        self, path: Path | None, lost: Callable[[str], None], since: Path | None = None
-    ) -> None:
+    def __init__(self, path: Path, lost: Callable[[str], None], since: Path | None = None) -> None:
         """since: for a restarted writer, a file that its session wrote at its start: lines after it
         are kept.
         """
         self._path = path
         self._lost = lost
         self._file: LineFile | None = None
-        if path is not None:
-            try:
-                self._goes_on = (
-                    since is not None
-                    and path.exists()
-                    and path.stat().st_mtime_ns >= since.stat().st_mtime_ns
-                )
-                self._file = LineFile(path)
-            # the path was valid at the start, but its directory may be gone since
-            except OSError as error:
-                self._end(error)
-
-    @property
-    def wanted(self) -> bool:
-        return self._file is not None
+        try:
+            self._goes_on = (
+                since is not None
+                and path.exists()
+                and path.stat().st_mtime_ns >= since.stat().st_mtime_ns
+            )
+            self._file = LineFile(path)
+        # the path was valid at the start, but its directory may be gone since
+        except OSError as error:
+            self._end(error)
 
     def write(self, record: dict[str, Any]) -> None:
         """One line; keys as in docs/contracts.md."""

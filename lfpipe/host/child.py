@@ -13,7 +13,6 @@ import signal
 import subprocess
 import sys
 import threading
-import weakref
 from collections.abc import Mapping, Sequence
 from typing import IO
 
@@ -63,7 +62,6 @@ class Child:
         finally:
             os.close(held)
         self.pid = self.process.pid
-        _running.add(self)
         assert self.process.stdin is not None
         if line:
             with contextlib.suppress(BrokenPipeError):  # `exit_code` then reports it
@@ -106,17 +104,6 @@ class Child:
         if self.ended_fd >= 0:
             os.close(self.ended_fd)
             self.ended_fd = -1
-
-
-def _release_pipes() -> None:
-    """In a forked process: its copies of the pipes would keep the children of its parent."""
-    for child in list(_running):
-        with contextlib.suppress(OSError):
-            child.end()
-
-
-_running = weakref.WeakSet[Child]()
-os.register_at_fork(after_in_child=_release_pipes)
 
 
 def end_with_parent() -> None:

@@ -167,10 +167,10 @@ def screen_view(
     settings = state.settings
     if settings is not None:
         render = settings.config.render
-        timeline = settings.options.timeline
+        trace = settings.options.trace
         alpha = render.alpha_px if isinstance(render.alpha_px, str) else f"{render.alpha_px:.1f}"
         head.append(f"{render.method} views, {render.anaglyph} anaglyph, alpha {alpha}", "dim")
-        head.append(plain(f"\ntracing to {timeline}") if timeline else "", "dim")
+        head.append(plain(f"\ntracing to {trace}") if trace else "", "dim")
     return Group(
         head,
         state_view(state.metrics, settings is not None and settings.paused),
@@ -187,7 +187,7 @@ def press(name: str, key: str) -> str:
     Raises UserError.
     """
     settings = snapshot(name)
-    if key == "t" and settings.options.timeline:
+    if key == "t" and settings.options.trace:
         return f"trace: {finish_trace(partial(ask, name))}"
     if key == "t":
         begin_trace(partial(ask, name), None)

@@ -299,7 +299,6 @@ class RenderStage:
             listeners.append(
                 ReplayWriter(Path(replay.folder), replay.sequence, replay.pictures, self._lost)
             )
-        trace = Path(options.trace) if options.trace else None
         began = session.run_dir / "session.json" if context.row["restarts"] else None
         if self._live is not None:
             viewpoints = context.output("viewpoints")
@@ -308,7 +307,7 @@ class RenderStage:
             TapMessages(context.emit, self._viewer, ViewerState(context.row["viewer"])),
             PictureRing(session.segment),
             ShownStamps(partial(context.output, "shown")),
-            Trace(self._viewer, trace, began, self._lost),
+            Trace(self._viewer, began, self._lost),
         )
         for listener in listeners:
             listener.set_options(options)
@@ -383,7 +382,7 @@ class RenderStage:
         """
         fds = self._window_fds
         can_rest = fds is not None and self._live is None and not self._field.frame_rate_hz
-        can_rest &= not (self._options.trace or self._options.timeline)
+        can_rest &= not self._options.trace
         rests = can_rest and now_ns() - self._presenter.changed_ns > REST_AFTER_NS
         self._context.row["resting"] = rests
         if not rests or fds is None:
@@ -468,7 +467,7 @@ class RenderStage:
             self._ui.handle(answer)
 
     def _check_trace(self, message: Message) -> None:
-        """Answers whether a timeline can be written, which an option then begins."""
+        """Answers whether a trace can be written, which an option then begins."""
         try:
             with self._context.busy_with("opening a trace"):
                 check_output(Path(message["path"]), [Path(path) for path in message["inputs"]])

@@ -1,7 +1,6 @@
 """Opens scenes for all callers: from the cache, or by running the packer."""
 
 import contextlib
-import logging
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,8 +17,6 @@ from lfpipe.scene.demo import demo_scene, named_scene
 from lfpipe.scene.lightfield import LightField, Manifest
 from lfpipe.scene.pack import open_pack
 from lfpipe.scene.source import Progress
-
-log = logging.getLogger(__name__)
 
 SILENT_S = 300.0  # limit without a step: a large picture, beside busy programs or on a slow disk
 ScenePath = str | os.PathLike[str]
@@ -75,8 +72,6 @@ class Packing(Worker):
                 self.progress(step["step"], step["done"], step["total"])
         elif "summary" in step:
             self.views = SceneSummary(**step["summary"])
-        elif "log" in step:
-            log.info(step["log"])
         elif "scenes" in step:
             self.scenes, self.note = step["scenes"], step["note"]
         elif "unusable" in step:

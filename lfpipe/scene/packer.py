@@ -8,14 +8,12 @@ object:
     {"unusable": {path: why}}                   those that cannot be opened; the next one is
     {"step": "views", "done": 7, "total": 81}   progress
     {"summary": {...}}                          the pack can be shown, still without disparity
-    {"log": "..."}                              a decision and its reason
 
 Result: the summary of the pack, or the `Manifest` of the scene.
 """
 
 import contextlib
 import importlib
-import logging
 import os
 from collections.abc import Iterable
 from pathlib import Path
@@ -46,25 +44,10 @@ MAX_ENTRIES = 1000  # of a folder that is searched
 DEPTH = 2  # levels of folders in which a playlist is looked for
 
 
-class _LogOfParent(logging.Handler):
-    """Sends log records to the parent, which prints them with -v."""
-
-    def __init__(self, report: Report) -> None:
-        super().__init__()
-        self._report = report
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Reports a record's text as a step."""
-        self._report(log=record.getMessage())
-
-
 def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
     """The result of a request. Raises UserError."""
     asked = converter().structure(request, PackerRequest)
     settings = asked.settings
-    scene_log = logging.getLogger("lfpipe.scene")
-    scene_log.setLevel(logging.INFO)
-    scene_log.handlers = [_LogOfParent(report)]
     paths = [Path(text) for text in asked.scenes]
     watch_files(lambda path: report(reading=str(path)))
 

@@ -2,7 +2,6 @@
 explains, and whether anything moves between them.
 """
 
-import logging
 from itertools import product
 
 import attrs
@@ -21,8 +20,6 @@ from lfpipe.scene.optical_flow import (
     without_shake,
 )
 from lfpipe.scene.source import GridTransform, SceneSource
-
-log = logging.getLogger(__name__)
 
 # Share of the detail that common motion explains, below which views hardly fit together. Light
 # fields, also with wide baselines or held by hand: at least 0.64, the shared and the demo scenes
@@ -153,12 +150,6 @@ def plausible(source: SceneSource) -> tuple[SceneSource, Measurements | None]:
     )
     if measured is None:
         return source, None
-    log.info(
-        "%s: common motion explains %.0f%% of the detail; motion up to %.1f px",
-        source.path,
-        100 * measured.explained,
-        measured.moved_px,
-    )
     if measured.far is not None:
         share = max(map(abs, measured.far))
         doubt = (

@@ -37,7 +37,7 @@ logger = logging.getLogger(__name__)
 # outputs that can start and stop while a session runs:
 # request -> the option with its path, its name, the command line
 OUTPUTS = {
-    "trace": ("timeline", "trace", "lfpipe trace"),
+    "trace": ("trace", "trace", "lfpipe trace"),
     "record": ("record", "recording", "lfpipe ctl record"),
 }
 # requests that only the stage that shows pictures may send
@@ -190,7 +190,7 @@ def _output(state: SessionState, message: Message, _t_ns: int) -> Reply:
         return _record(state, path)
     if path:
         return _trace(state, path)
-    return Reply(answer={"path": running}, state=state.changed(timeline=""))
+    return Reply(answer={"path": running}, state=state.changed(trace=""))
 
 
 def _record(state: SessionState, path: str) -> Reply:
@@ -222,7 +222,7 @@ def _trace(state: SessionState, path: str) -> Reply:
     return Reply(
         executed_by=(SHOWN_BY,),
         payload={"path": path, "inputs": inputs},
-        then=lambda now, _: Reply(answer={"path": path}, state=now.changed(timeline=path)),
+        then=lambda now, _: Reply(answer={"path": path}, state=now.changed(trace=path)),
     )
 
 

@@ -45,23 +45,22 @@ class Vblanks(Display):
 # trace
 
 
-def test_trace_and_timeline_get_the_same_lines(tmp_path: Path) -> None:
-    trace = Trace(viewer(), tmp_path / "trace.jsonl", None, pytest.fail)
-    trace.set_options(NONE)
-    trace.presented(presentation(seq=1))
-    trace.set_options(attrs.evolve(NONE, timeline=str(tmp_path / "timeline")))
+def traced(path: Path) -> SessionOptions:
+    return attrs.evolve(NONE, trace=str(path))
+
+
+def test_trace_has_a_line_per_picture_with_eyes_while_it_is_asked_for(tmp_path: Path) -> None:
+    trace = Trace(viewer(), None, pytest.fail)
+    trace.set_options(traced(tmp_path / "trace.jsonl"))
     trace.presented(presentation(seq=2, eyes=None))
     trace.presented(presentation(seq=3))
-    trace.set_options(NONE)
     trace.presented(presentation(seq=4, by="vblanks", more={"picture": "0"}))
+    trace.set_options(NONE)
+    trace.presented(presentation(seq=5))
     trace.close()
-    lines, timeline = (
-        [json.loads(line) for line in (tmp_path / name).read_text().splitlines()]
-        for name in ("trace.jsonl", "timeline")
-    )
-    assert [line["seq"] for line in lines] == [1, 3, 4]
-    assert timeline == lines[1:2]
-    assert (lines[2]["presented_by"], lines[2]["picture"]) == ("vblanks", "0")
+    lines = [json.loads(line) for line in (tmp_path / "trace.jsonl").read_text().splitlines()]
+    assert [line["seq"] for line in lines] == [3, 4]
+    assert (lines[1]["presented_by"], lines[1]["picture"]) == ("vblanks", "0")
     assert (
         lines[0]["eyes_used"] == lines[0]["eyes_raw"] == {"left": [332, 240], "right": [308, 240]}
     )
@@ -69,7 +68,8 @@ def test_trace_and_timeline_get_the_same_lines(tmp_path: Path) -> None:
 
 def test_trace_that_no_longer_fits_is_reported_once(tmp_path: Path) -> None:
     reasons: list[str] = []
-    trace = Trace(viewer(), tmp_path / "trace.jsonl", None, reasons.append)
+    trace = Trace(viewer(), None, reasons.append)
+    trace.set_options(traced(tmp_path / "trace.jsonl"))
     with largest_file(4096):
         for seq in range(20):
             trace.presented(presentation(seq=seq))
@@ -98,14 +98,12 @@ def test_trace_continues_after_a_restart_and_starts_over_with_a_session(
     began = tmp_path / "session.json"
     began.touch()
     os.utime(began, ns=(1, 1))
-    options = attrs.evolve(NONE, timeline=str(tmp_path / "timeline"))
     for since, count in ((None, 1), (began, 2), (began, 3), (None, 1)):
-        trace = Trace(viewer(), tmp_path / "trace", since, pytest.fail)
-        trace.set_options(options)
+        trace = Trace(viewer(), since, pytest.fail)
+        trace.set_options(traced(tmp_path / "trace"))
         trace.presented(presentation())
         trace.close()
         assert (tmp_path / "trace").read_text().count("\n") == count
-        assert (tmp_path / "timeline").read_text().count("\n") == count
 
 
 # status row

@@ -54,7 +54,7 @@ MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda here: respond(made_state(record="/theirs"), {"cmd": "record", "path": "/mine"}, 0),
         "a recording to /theirs is already running\n  remedy: end it with `lfpipe ctl record stop`",
     ),
-    "no timeline to stop": (
+    "no trace to stop": (
         lambda here: respond(made_state(), {"cmd": "trace", "path": ""}, 0),
         "no trace is running\n  remedy: start one with `lfpipe trace start OUT`",
     ),

@@ -261,7 +261,7 @@ def test_the_stage_that_opens_a_file_executes_the_request() -> None:
         assert (trace.executed_by, trace.state) == (("render",), None)
         assert trace.payload == {"path": "/t", "inputs": inputs} and trace.then is not None
         then = trace.then(state, {})
-        assert then.answer == {"path": "/t"} and then.state == state.changed(timeline="/t")
+        assert then.answer == {"path": "/t"} and then.state == state.changed(trace="/t")
         record = respond(state, {"cmd": "record", "path": "/r"}, 0)
         by = "render" if isinstance(viewer, MouseViewer) else "capture"
         assert (record.executed_by, record.state, record.payload) == ((by,), None, {"path": "/r"})
@@ -288,7 +288,7 @@ def test_the_stage_that_opens_a_file_executes_the_request() -> None:
             {"pack": SCENE.pack},
             {"playlist": ("/x", *LIST["playlist"]), "playlist_at": 0},
         ),
-        ({"timeline": "/t"}, {"cmd": "trace", "path": ""}, None, {"path": "/t"}, {"timeline": ""}),
+        ({"trace": "/t"}, {"cmd": "trace", "path": ""}, None, {"path": "/t"}, {"trace": ""}),
     ],
 )
 def test_respond_changes_the_option_that_is_named(

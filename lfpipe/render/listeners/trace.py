@@ -1,4 +1,4 @@
-"""Trace lines of presentations: the trace of a session, and a timeline that starts later."""
+"""Trace lines of presentations."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -46,38 +46,33 @@ def trace_line(presentation: Presentation, method: str, level: int) -> dict[str,
 
 
 class Trace(Listener):
-    """Writes a line per presentation to the trace and, on request, to a timeline."""
+    """Writes a line per presentation to the file of option "trace"."""
 
-    def __init__(
-        self, viewer: Viewer, path: Path | None, began: Path | None, lost: Callable[[str], None]
-    ) -> None:
-        """path: of the trace. began: a file that the session wrote at its start; a restarted
-        process continues older files than that. lost: called once with the reason if a file ends
-        early.
+    def __init__(self, viewer: Viewer, began: Path | None, lost: Callable[[str], None]) -> None:
+        """began: a file that the session wrote at its start; a restarted process continues a newer
+        trace than that. lost: called once with the reason if a file ends early.
         """
         self._viewer = viewer
         self._began = began
         self._lost = lost
-        self._trace = TraceFile(path, lost, began)
-        self._timeline = TraceFile(None, lost)
-        self._timeline_path = ""
+        self._path = ""
+        self._file: TraceFile | None = None
         self._level = 0
 
     def set_options(self, options: SessionOptions) -> None:
         self._level = level_number(options)
-        if options.timeline != self._timeline_path:
-            self._timeline_path = options.timeline
-            self._timeline.close()
-            path = Path(options.timeline) if options.timeline else None
-            self._timeline = TraceFile(path, self._lost, self._began)
+        if options.trace != self._path:
+            self.close()
+            self._path = options.trace
+            self._file = (
+                TraceFile(Path(options.trace), self._lost, self._began) if options.trace else None
+            )
         self._began = None
 
     def presented(self, presentation: Presentation) -> None:
-        if presentation.eyes is not None and (self._trace.wanted or self._timeline.wanted):
-            line = trace_line(presentation, self._viewer.method, self._level)
-            self._trace.write(line)
-            self._timeline.write(line)
+        if presentation.eyes is not None and self._file is not None:
+            self._file.write(trace_line(presentation, self._viewer.method, self._level))
 
     def close(self) -> None:
-        self._trace.close()
-        self._timeline.close()
+        if self._file is not None:
+            self._file.close()
