@@ -114,7 +114,6 @@ class ReconnectingCamera:
                 while (out := self._requested_next()) is not None:
                     frame = source.read(out)
                     assert frame is not None, "a camera never ends"
-                    self.info = source.info
                     next_seq = first_seq + frame.source_seq + 1
                     backoff_s = BACKOFF_S
                     self._answers.put(attrs.evolve(frame, source_seq=next_seq - 1))

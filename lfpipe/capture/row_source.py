@@ -13,7 +13,6 @@ from lfpipe.files.decoding import fit_area, fit_note, fitted
 # Channels follow those of the first camera by a gain, of which this share is taken from each frame:
 # within seconds, without reacting to what only one camera sees.
 GAIN_SHARE, LARGEST_GAIN = 0.02, 1.5
-TOLD_GAIN = 0.05  # a larger change is reported
 SMALL_PX = (32, 24)  # at which brightness is compared
 JITTER_NS = 2_000_000  # of stamps: a frame that is nearer by less is no better
 MOST_SKIPPED = 8  # frames of a camera, whose driver may have kept as many
@@ -32,7 +31,6 @@ class RowSource:
         self._periods_ns = [round(1e9 / max(source.info.rate_hz, 1.0)) for source in sources]
         self._pictures = [np.empty((height, width, 3), np.uint8) for _ in sources]
         self._gains = np.ones((len(sources), 3))
-        self._told_gains = self._gains.copy()
         sizes_px = {source.info.size_px for source in sources} - {(width, height)}
         scaled = [fit_note(size_px, (width, height)) for size_px in sorted(sizes_px)]
         notes = tuple(dict.fromkeys([*first.notes, *scaled]))
@@ -40,7 +38,6 @@ class RowSource:
         self.info = attrs.evolve(
             first, name=name, size_px=(width * len(sources), height), jpeg=False, notes=notes
         )
-        self._notes = notes
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
         """See `FrameSource.read`."""
@@ -57,7 +54,6 @@ class RowSource:
             self._match(k)
             matched = cv2.multiply(self._pictures[k], np.append(self._gains[k], 1.0))
             fitted(np.asarray(matched, np.uint8), tile)
-        self._report()
         stamps = [frame.t_sensor_ns for frame in known]
         return attrs.evolve(known[0], packet=None, offset_ns=max(stamps) - min(stamps))
 
@@ -90,17 +86,6 @@ class RowSource:
         )
         gain = np.clip(left / right, 1 / LARGEST_GAIN, LARGEST_GAIN)
         self._gains[k] += GAIN_SHARE * (gain - self._gains[k])
-
-    def _report(self) -> None:
-        """States the gains in `info`, anew once they have changed."""
-        if np.abs(self._gains - self._told_gains).max() > TOLD_GAIN:
-            self._told_gains = self._gains.copy()
-            gains = (
-                f"camera {k} matched to the first: blue x{blue:.2f}, green x{green:.2f}, red"
-                f" x{red:.2f}"
-                for k, (blue, green, red) in enumerate(self._gains[1:].tolist(), 2)
-            )
-            self.info = attrs.evolve(self.info, notes=(*self._notes, *gains))
 
     def close(self) -> None:
         for source in self._sources:

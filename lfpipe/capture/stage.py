@@ -89,7 +89,7 @@ class CaptureStage:
         self._ended = False
 
     def _report_source(self) -> None:
-        self._reported = info = self._source.info
+        info = self._source.info
         context = self._context
         context.row["nominal_mhz"] = round(1000 * info.rate_hz)
         notes = "; ".join(info.notes)
@@ -185,8 +185,6 @@ class CaptureStage:
         t_sensor_ns = frame.t_sensor_ns + self._lateness.moved_ns
         stale = False
         if self._live:
-            if self._source.info.notes != self._reported.notes:
-                self._report_source()
             lost = frame.source_seq - self._next_seq
             self._next_seq = frame.source_seq + 1
             context.row["left_out" if self._rested else "drops"] += lost

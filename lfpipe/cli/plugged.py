@@ -7,6 +7,7 @@ module must be light; what it names is imported when it is used.
 
 import copy
 import functools
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass  # `import attrs` would take as long as the rest of --help
 from typing import Any, TypeVar
@@ -14,8 +15,6 @@ from typing import Any, TypeVar
 import click
 
 from lfpipe.plugins import COMMANDS, load, load_target, plugins
-
-SUMMARY_CHARS = 1000  # of a command: all of them
 
 
 class Added:
@@ -86,7 +85,7 @@ class Group(click.Group):
         with formatter.section("Commands"):
             formatter.write_dl(
                 [
-                    (name, command.get_short_help_str(SUMMARY_CHARS))
+                    (name, command.get_short_help_str(sys.maxsize))
                     for name, command in commands
                     if command is not None and not command.hidden
                 ]

@@ -22,6 +22,7 @@ from lfpipe.cli.options import CAMERA, DURATION, PATH, Number, with_config
 from lfpipe.cli.plugged import Group
 from lfpipe.cli.terminal import print_result, say
 from lfpipe.config import Config, SessionOptions
+from lfpipe.config.check import MAX_LISTED
 from lfpipe.config.modes import RecordedEyes
 from lfpipe.config.user_files import with_measured_focal
 from lfpipe.errors import UserError, plain
@@ -31,7 +32,6 @@ from lfpipe.host.machine import versions
 from lfpipe.sequence import edit
 from lfpipe.sequence.eyes import TRUTH, read_truth, table_of
 from lfpipe.sequence.folder import (
-    Sequence,
     check_out,
     check_sums,
     new_sequence,
@@ -42,7 +42,6 @@ from lfpipe.sequence.packets import encoded
 from lfpipe.supervisor.session import run_session
 from lfpipe.transport.session import Session
 
-MAX_ERRORS = 5  # listed per sequence: a damaged disk gives one per frame
 SEQUENCES = click.argument("paths", type=PATH, metavar="SEQ...", nargs=-1, required=True)
 
 
@@ -107,21 +106,7 @@ def info(paths: tuple[Path, ...], as_json: bool) -> int:
 
 def _info(path: Path, as_json: bool) -> None:
     recorded = open_sequence(path, verify=False)
-    about = _about(recorded)
-    if as_json:
-        print_result(json.dumps(about))
-        return
-    print_result(path)
-    about["versions"] = [f"{name} {version}" for name, version in about["versions"].items()]
-    for name, value in about.items():
-        print_result(
-            f"  {name:<12}"
-            f" {plain(', '.join(value) if isinstance(value, list) else str(value), 400)}"
-        )
-
-
-def _about(recorded: Sequence) -> dict[str, Any]:
-    return {
+    about: dict[str, Any] = {
         "frames": len(recorded.packets),
         "lost": recorded.lost,
         "duration_s": round(recorded.duration_s, 6),
@@ -135,6 +120,16 @@ def _about(recorded: Sequence) -> dict[str, Any]:
         **{name: str(recorded.manifest.get(name, "")) for name in ("source", "created")},
         "versions": recorded.manifest.get("versions", {}),
     }
+    if as_json:
+        print_result(json.dumps(about))
+        return
+    print_result(path)
+    about["versions"] = [f"{name} {version}" for name, version in about["versions"].items()]
+    for name, value in about.items():
+        print_result(
+            f"  {name:<12}"
+            f" {plain(', '.join(value) if isinstance(value, list) else str(value), 400)}"
+        )
 
 
 @sequence.command()
@@ -159,10 +154,10 @@ def _check(path: Path) -> None:
             check_one()
         except UserError as error:  # whose traceback holds the whole frame
             count += 1
-            said += [error.message] * (count <= MAX_ERRORS)
+            said += [error.message] * (count <= MAX_LISTED)
             remedy = remedy or error.remedy
     if said:
-        said += [f"and {count - MAX_ERRORS} more"] * (count > MAX_ERRORS)
+        said += [f"and {count - MAX_LISTED} more"] * (count > MAX_LISTED)
         raise UserError("\n  ".join(said), remedy)
     state = (
         "complete"

@@ -14,14 +14,13 @@ import attrs
 from lfpipe.config.session_options import Placement
 from lfpipe.config.tree import Config, Key, options
 from lfpipe.errors import UserError
+from lfpipe.eyes import MAX_EYE_PX
 from lfpipe.files.safe_files import read_text, write_file
 from lfpipe.files.untrusted import Fields, toml_table
 from lfpipe.host.files import exists, is_missing
 
 PLACED = "live:"  # prefix of the table of a placement
-MAX_PX = 65536.0  # of a view's width, and of what it differs by
 USUAL_DEG = 30, 130  # fields of view of webcams, narrow to wide
-FOCAL_PX = 1.0, 1e6  # of a camera: what camera.focal_px accepts, at any width
 
 
 def user_file() -> Path:
@@ -54,9 +53,9 @@ def measured_placement(cameras: str, width_px: int) -> Placement | None:
     """
     if (measured := _measured(PLACED + cameras)) is None:
         return None
-    height_px = measured.number("height_px", -MAX_PX, MAX_PX)
+    height_px = measured.number("height_px", -MAX_EYE_PX, MAX_EYE_PX)
     return Placement(
-        height_px=height_px * width_px / measured.number("width_px", 1, MAX_PX),
+        height_px=height_px * width_px / measured.number("width_px", 1, MAX_EYE_PX),
         rotation_deg=measured.number("rotation_deg", -45, 45),
         scale=measured.number("scale", 0.5, 2),
         swapped=measured.flag("swapped"),
@@ -69,7 +68,7 @@ def with_measured_focal(config: Config, camera: str) -> Config:
     """
     if config.camera.focal_px != "auto" or (measured := _measured(camera)) is None:
         return config
-    focal_px, width_px = (measured.number(name, *FOCAL_PX) for name in ("focal_px", "width_px"))
+    focal_px, width_px = (measured.number(name, 1, MAX_EYE_PX) for name in ("focal_px", "width_px"))
     here_px = round(focal_px * config.camera.frame_px[0] / width_px, 1)
     return attrs.evolve(config, camera=attrs.evolve(config.camera, focal_px=here_px))
 

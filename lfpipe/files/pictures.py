@@ -24,7 +24,6 @@ from lfpipe.host.files import proc_fd_path
 
 # 8192x8192 px of 8-bit colour, 7574x5264 px (lenslets of a Lytro Illum) of 16-bit colour
 MAX_DECODING_BYTES = 240_000_000
-_MAX_TURNED_BYTES = 2 * MAX_DECODING_BYTES  # which no TIFF of one picture exceeds
 MAX_PICTURES = 4096  # in one file: 64x64 views
 FORMATS = ("JPEG", "PNG", "PPM", "BMP", "TIFF", "WEBP", "AVIF", "GIF", "HEIF")
 _HEIC = re.compile(rb"....ftyp(hei|hev|mif1|msf1)", re.DOTALL)
@@ -348,7 +347,7 @@ def _deep_pixels(file: IO[bytes], header: Header) -> NDArray[np.uint16]:
 def _as_stored(file: IO[bytes], turn: int) -> bytes:
     """A TIFF that says it is upright: OpenCV applies some turns and refuses others."""
     file.seek(0)
-    data = file.read(_MAX_TURNED_BYTES)
+    data = file.read(2 * MAX_DECODING_BYTES)  # which no TIFF of one picture exceeds
     order: Literal["little", "big"] = "little" if data.startswith(b"II") else "big"
     tag = b"".join(number.to_bytes(2, order) for number in (_ORIENTATION, 3))  # 3: two bytes each
     tag += (1).to_bytes(4, order)

@@ -73,21 +73,15 @@ def prepare_cache(scene: config.Scene) -> Path:
     return root
 
 
-def _settings_key(scene: config.Scene) -> str:
-    """The settings that a pack depends on, as text for a hash."""
-    used = {
-        key: value
-        for key, value in attrs.asdict(scene).items()
-        if key not in ("cache_dir", "invert_depth")
-    }
-    return json.dumps({"version": VERSION, **used}, sort_keys=True)
-
-
 def key_of(path: str | os.PathLike[str], scene: config.Scene) -> str:
     """Hash of the settings, and of names, sizes and times at path and some levels of subfolders:
     equal while nothing changes. Raises UserError.
     """
-    digest = hashlib.blake2b(_settings_key(scene).encode(), digest_size=12)
+    used = attrs.asdict(
+        scene, filter=lambda field, _: field.name not in ("cache_dir", "invert_depth")
+    )
+    text = json.dumps({"version": VERSION, **used}, sort_keys=True)
+    digest = hashlib.blake2b(text.encode(), digest_size=12)
     listing = list_scene(path)
     digest.update(str(listing.path.resolve()).encode(errors="surrogateescape"))
     for entry in _entries(listing, 1 if listing.pictures() else _DEEPEST):

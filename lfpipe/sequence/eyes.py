@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfpipe.errors import UserError, quoted
-from lfpipe.eyes import EYES
+from lfpipe.eyes import EYES, MAX_EYE_PX
 from lfpipe.files.safe_files import lines, reason
 from lfpipe.files.trace import MAX_NS
 from lfpipe.files.untrusted import finite, json_fields
@@ -21,7 +21,6 @@ from lfpipe.sequence.packets import COPY, MAX_PACKETS
 
 TRUTH = "truth.csv"
 COLUMNS = ("left_x_px", "left_y_px", "right_x_px", "right_y_px")
-MAX_PX = 1e6  # limit of a coordinate, far outside every picture
 LINE_BYTES = 4096  # one of ours has some 200
 REMEDY = (
     f"write one row per frame with columns t_ns, {', '.join(COLUMNS)}, and optionally visible (0"
@@ -93,7 +92,7 @@ def eyes_of(line: bytes, where: str) -> NDArray[np.void]:
     record = np.zeros((), EYES)
     # which its player sets
     for name in set(EYES.names or ()) & fields.values.keys() - {"t_tracked_ns"}:
-        most = 1 if name == "face" else MAX_PX
+        most = 1 if name == "face" else MAX_EYE_PX
         shape = record[name].shape
         try:
             value = np.asarray(fields.values[name], np.float64)
@@ -138,7 +137,7 @@ def table_of(path: Path) -> Truth:
             if None in row or None in row.values():
                 raise ValueError(f"expected {len(columns)} values")
             for name in COLUMNS:
-                if (px := finite(row[name], -MAX_PX, MAX_PX)) is None:
+                if (px := finite(row[name], -MAX_EYE_PX, MAX_EYE_PX)) is None:
                     raise UserError(
                         f"{where}: {name} is {quoted(row[name])}, expected a number of px", REMEDY
                     )

@@ -11,7 +11,7 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-from lfpipe.eyes import Eyes, middle_of
+from lfpipe.eyes import MAX_STEP_NS, Eyes, middle_of
 from lfpipe.render.presenter import REPLACED, Listener, Presentation
 from lfpipe.transport.clock import MS_NS, SECOND_NS
 from lfpipe.transport.status import Row
@@ -28,7 +28,6 @@ SETTLED_NS = 300 * MS_NS
 KEPT = 0.995  # decay of the sums per picture: some 200 pictures in motion
 SHARE = 0.2  # weight of the newest onset in its running mean, which begins as a plain mean
 MAX_PICTURES = 240  # of a second and more, at every rate of a screen
-GAP_NS = SECOND_NS // 4  # from frame to frame; after a longer gap the time between is unknown
 
 
 class _Frame(NamedTuple):
@@ -72,7 +71,7 @@ class MotionLatency:
         A frame that was added before counts once.
         """
         last = self._frames[-1] if self._frames else None
-        if eyes_px is None or (last is not None and not 0 <= t_sensor_ns - last.t_ns < GAP_NS):
+        if eyes_px is None or (last is not None and not 0 <= t_sensor_ns - last.t_ns < MAX_STEP_NS):
             self._frames.clear()
             self._rest = self._motion = self._under_way_ns = last = None
         if eyes_px is None or (last is not None and t_sensor_ns == last.t_ns):

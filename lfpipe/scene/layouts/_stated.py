@@ -19,12 +19,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from lfpipe.errors import UserError
-from lfpipe.files.pictures import FORMATS, heic_depth, open_header
+from lfpipe.files.pictures import FORMATS, MAX_DECODING_BYTES, heic_depth, open_header
 from lfpipe.files.safe_files import open_file
 from lfpipe.files.untrusted import finite
 from lfpipe.scene.video import film_ends, is_spatial
 
-_MOST_BYTES = 100_000_000  # of a photograph with what is behind it
 _HEIC = (".heic", ".heif")
 _EXTENDED = b"http://ns.adobe.com/xmp/extension/\0"  # then 32 bytes of its name, size and offset
 _PICTURE = re.compile(rb"\xff\xd8\xff|\x89PNG\r\n")
@@ -201,7 +200,7 @@ def unread_depth(path: Path) -> str:
 
 def _read(path: Path) -> bytes:
     with open_file(path) as file:
-        return file.read(_MOST_BYTES)
+        return file.read(MAX_DECODING_BYTES)
 
 
 def described(path: Path, descriptor: int) -> Halves | None:
