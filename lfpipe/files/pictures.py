@@ -31,9 +31,6 @@ _GREY = ("1", "L", "I", "I;16", "I;16B", "I;16L")  # Pillow's modes of one sampl
 _ORIENTATION = 0x0112  # EXIF's tag
 _MP_ENTRIES, _MP_NUMBER = 0xB002, 0xB101  # tags of a JPEG's index (CIPA DC-007)
 _JPS = b"_JPSJPS_"  # begins the segment that describes a stereo JPEG
-# EXIF's orientation -> steps along rows and columns of the upright picture, after a transposition
-# from 5 on
-_FLIPS = {2: (1, -1), 3: (-1, -1), 4: (-1, 1), 6: (1, -1), 7: (-1, -1), 8: (-1, 1)}
 STRIP_ROWS = 256  # of a picture, which are converted at a time: a second copy is spared
 _OTHERS = {  # beginnings of other kinds of files, under the names of pictures
     b"\xff\x0a": "JPEG XL",
@@ -216,12 +213,6 @@ def _full_value(image: ImageFile.ImageFile) -> int:
     return 65535 if ";16" in str(args) or image.mode.startswith("I") else 255
 
 
-def _unreadable(path: Path, why: str) -> UserError:
-    return UserError(
-        f"{path}: not a readable picture ({why})", "download it again, or export it as PNG or JPEG"
-    )
-
-
 def _kind_of(start: bytes) -> str:
     """What a file that is no supported picture is, by its first bytes."""
     if _HEIC.match(start) and not _add_heic():
@@ -242,23 +233,19 @@ def _opened(path: Path) -> Iterator[tuple[IO[bytes], ImageFile.ImageFile, Header
         if _HEIC.match(start):
             _add_heic()
         file.seek(0)
-        what = "its header"
         try:
             with Image.open(file, formats=FORMATS) as image:
                 header = _header(image)
                 _check(path, header)
-                what = f"decoding {header.size} of {header.format}"
                 yield file, image, header
-        except UserError:
+        except (UserError, MemoryError):
             raise
-        except MemoryError:
-            raise UserError(
-                f"{path}: {what} needs more memory than is left here", "make it smaller"
-            ) from None
         except Exception:  # Pillow's parsers raise many kinds for damage
             other = _kind_of(start)
-            raise _unreadable(
-                path, f"it is {other}" if other else "truncated, damaged or another format"
+            why = f"it is {other}" if other else "truncated, damaged or another format"
+            raise UserError(
+                f"{path}: not a readable picture ({why})",
+                "download it again, or export it as PNG or JPEG",
             ) from None
 
 
@@ -301,17 +288,14 @@ def _pixels(image: ImageFile.ImageFile, header: Header) -> NDArray[np.uint8]:
     mode = "L" if header.grey else "RGB"
     if header.alpha:
         mode = "RGBA"
-    orientation = 1 if header.format == "TIFF" else header.orientation  # Pillow has turned a TIFF
-    size = (image.width, image.height) if orientation >= 5 else (image.height, image.width)
-    out = np.empty(size if header.grey else (*size, 3), np.uint8)
-    flips = _FLIPS.get(orientation, (1, 1))
-    stored = out[:: flips[0], :: flips[1]]  # written upright: a turned copy would cost memory
-    stored = stored.swapaxes(0, 1) if orientation >= 5 else stored
+    size = image.height, image.width
+    stored = np.empty(size if header.grey else (*size, 3), np.uint8)
     for top in range(0, image.height, STRIP_ROWS):
         bottom = min(top + STRIP_ROWS, image.height)
         strip = image.crop((0, top, image.width, bottom)).convert(mode)
         stored[top:bottom] = _opaque(np.asarray(strip), 255)
-    return out
+    # Pillow has turned a TIFF
+    return upright(stored, 1 if header.format == "TIFF" else header.orientation)
 
 
 def _opaque(pixels: NDArray[Any], full: int) -> NDArray[Any]:

@@ -232,15 +232,3 @@ def test_a_cut_picture_is_refused_and_a_whole_one_opens_whatever_follows(
         path.write_bytes(WHOLE[kind][: int(left * len(WHOLE[kind]))])
         with pytest.raises(UserError, match=r"x\.png"):
             read_picture(path)
-
-
-def test_a_decoder_without_memory_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "x.png"
-    path.write_bytes(png_of(64, 64))
-
-    def too_little(*_: object) -> None:
-        raise MemoryError
-
-    monkeypatch.setattr("lfpipe.files.pictures.np.empty", too_little)
-    with pytest.raises(UserError, match=r"x\.png: decoding 64x64 px of PNG needs more memory"):
-        read_picture(path)
