@@ -117,7 +117,11 @@ def _replayed(
             check_outside(folder, [path, scene, None if folder is expect else expect], label)
     against, new = (None, expect) if update else (expect, None)
     if against is not None:
-        _require_reference(against)
+        if not is_dir(against):
+            raise UserError(
+                f"--expect {against}: no such reference", "the first time, add --update"
+            )
+        read_report(against)
     sequence = open_sequence(path)
     if not sequence.complete:
         say(
@@ -145,27 +149,14 @@ def _replayed(
             say(f"reference written to {new}")
     if against is None:
         return []
-    _print_comparison(compared, against)
-    if compared.differences and out is None:
+    for line in (*compared.notes, *(f"differs: {one}" for one in compared.differences)):
+        print_result(line)
+    if not compared.differences:
+        print_result(f"matches {against}")
+    elif out is None:
         say("use --out DIR to keep the pictures that differ")
     sys.stdout.flush()  # detects a closed pipe here, while it still counts as a failure
     return cases_of(compared.differences)
-
-
-def _require_reference(expect: Path) -> None:
-    """Raises UserError if the reference is missing."""
-    if not is_dir(expect):
-        raise UserError(f"--expect {expect}: no such reference", "the first time, add --update")
-    read_report(expect)
-
-
-def _print_comparison(compared: Comparison, expect: Path) -> None:
-    for note in compared.notes:
-        print_result(note)
-    for difference in compared.differences:
-        print_result(f"differs: {difference}")
-    if not compared.differences:
-        print_result(f"matches {expect}")
 
 
 def _check(pace: str, out: Path | None, expect: Path | None, update: bool) -> None:

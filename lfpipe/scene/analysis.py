@@ -143,8 +143,11 @@ def analyse_source(source: SceneSource, scene: config.Scene) -> AnalysedScene:
         source.rendered or all(is_grey(source.read(source.telling, *place)) for place in ends)
     )
     order = orient(source, scene)
-    if measured is not None and measured.far is not None:
-        order = attrs.evolve(order, depth=_depth_of(source, order, measured.far))
+    if measured is not None and measured.far is not None:  # too far apart for optical flow
+        width_px = source.width_px if order.packed.cols else -source.width_px
+        low, high = sorted(round(width_px * move, 4) for move in measured.far)
+        depth = Depth(min_px=low, max_px=high, border_low_px=low, border_high_px=high)
+        order = attrs.evolve(order, depth=depth)
     gamma, gamma_by = 1.0, ""
     if scene.gamma != "auto":
         gamma, gamma_by = float(scene.gamma), "set by scene.gamma"
@@ -158,16 +161,6 @@ def analyse_source(source: SceneSource, scene: config.Scene) -> AnalysedScene:
         channels=1 if grey else 3,
         measured=measured,
     )
-
-
-def _depth_of(source: SceneSource, order: Orientation, moved: tuple[float, float]) -> Depth:
-    """The depth range of two views that are too far apart for optical flow.
-
-    moved: range of the motion between them along x, in file order, in shares of the width.
-    """
-    width_px = source.width_px if order.packed.cols else -source.width_px
-    low, high = sorted(round(width_px * move, 4) for move in moved)
-    return Depth(min_px=low, max_px=high, border_low_px=low, border_high_px=high)
 
 
 def is_grey(pixels: NDArray[Any]) -> bool:

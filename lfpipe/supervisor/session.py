@@ -361,7 +361,8 @@ class LiveSession:
         if duration_s is None:
             return
         t_ns = now_ns()
-        if self._end_ns is None and self.stages.are_ready(self.state.options):
+        needed = self.stages.needed(self.state.options)
+        if self._end_ns is None and all(process.row["ready_ns"] for process in needed):
             self._end_ns = t_ns + int(duration_s * SECOND_NS)
         if self._end_ns is not None and t_ns >= self._end_ns:
             self._end("finished (--duration reached)")

@@ -160,17 +160,10 @@ class StageProcess:
             else ""
         )
 
-    def kill_hung(self) -> str:
-        """Kills a hung process, once, and returns its stack.
-
-        On a stalled machine its end may take long.
-        """
-        self.signal(signals.LEAVE_STACK)
-        time.sleep(0.05)
-        stack = self.last_stack()
+    def kill(self) -> None:
+        """Kills a hung process. On a stalled machine its end may take long."""
         self.signal(signals.KILL)
         self._killed = True
-        return stack
 
     def last_stack(self) -> str:
         """The stack that the process wrote on request or on failure; empty if it was killed."""
@@ -263,7 +256,10 @@ class StageProcesses:
         for process in self:
             name = process.stage.name
             if why := process.hang_reason():
-                self._notify(f"{name}: {why}, killed\n{process.kill_hung()}".rstrip())
+                process.signal(signals.LEAVE_STACK)
+                time.sleep(0.05)
+                self._notify(f"{name}: {why}, killed\n{process.last_stack()}".rstrip())
+                process.kill()
             code = process.reap()
             if code is not None and process.row["state"] == State.DEAD:
                 ended.append((process, code))
@@ -299,10 +295,6 @@ class StageProcesses:
             for process in self
             if process.stage.needed(options) or (or_alive and process.alive)
         ]
-
-    def are_ready(self, options: SessionOptions) -> bool:
-        """Whether all needed stages are ready."""
-        return all(int(process.row["ready_ns"]) for process in self.needed(options))
 
     def have_applied(self, rev: int, options: SessionOptions) -> bool:
         """Whether every stage has applied revision rev of the state, and stages that are no longer

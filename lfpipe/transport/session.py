@@ -65,10 +65,6 @@ class Session:
     def run_dir(self) -> Path:
         return base_dir() / f"{PREFIX}{self.name}"
 
-    @property
-    def lock(self) -> Path:
-        return self.run_dir / "lock"
-
     def segment(self, ring: str) -> Path:
         """The file of a segment. ring: its name, or "status"."""
         return self.run_dir / (ring if ring == "status" else f"{ring}.ring")

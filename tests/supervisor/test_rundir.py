@@ -24,7 +24,7 @@ def test_lock_notices_a_removed_run_directory(base: Path, name: str) -> None:
     session = Session(name)
     lock = rundir.acquire(session)
     assert lock.in_place()
-    session.lock.unlink()
+    (session.run_dir / "lock").unlink()
     assert not lock.in_place(), "the lock is gone"
     session.run_dir.chmod(0o777)
     other = rundir.acquire(session)
@@ -32,7 +32,7 @@ def test_lock_notices_a_removed_run_directory(base: Path, name: str) -> None:
     rundir.remove(session.run_dir, lock)
     assert rundir.running() == [name], "it is another's now"
     (session.run_dir / "session.json").touch()
-    session.lock.unlink()
+    (session.run_dir / "lock").unlink()
     rundir.remove(session.run_dir, other)
     rundir.sweep()
     assert not list(base.iterdir()), "swept, without its lock"
@@ -78,7 +78,7 @@ def test_rundir_passes_over_entries_of_other_kinds(
 def test_a_lock_whose_directory_was_removed_meanwhile_is_taken_again(
     base: Path, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = Session(name).lock
+    path = Session(name).run_dir / "lock"
     take = file_lock.take
     swept = iter([True, False])
 
