@@ -21,9 +21,9 @@ from lfpipe.render.display.display import Event, Item, Menu, Overlay
 from lfpipe.render.display.window_system import pygame
 from lfpipe.render.ui.calibration import Distance, calibration_page
 from lfpipe.render.ui.keys import HELP
-from lfpipe.render.ui.overlay_view import ItemPanel, menu_panel, text_panel
+from lfpipe.render.ui.overlay_view import EDGE_PX, ItemPanel, menu_panel, text_panel, top_px
 from lfpipe.render.ui.pages import glasses_menu, instructions
-from lfpipe.render.ui.scenes import HINT as SCENES_HINT
+from lfpipe.render.ui.scenes import OPEN
 from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import NAMES, demo_scene
 from tests.support.finger import Finger
@@ -40,13 +40,13 @@ def _menu(finger: Finger, menu: Menu) -> ItemPanel:
 
 
 def _text(finger: Finger, text: Overlay) -> ItemPanel:
-    shown = Overlay(lines=text.lines, items=text.items)
-    return text_panel(shown, finger.bar().at[1], finger.size_px, finger.text_px)
+    shown = Overlay(title=text.title, lines=text.lines, items=text.items)
+    top = EDGE_PX if text.items else top_px(finger.text_px)
+    return text_panel(shown, finger.bar().at[1], finger.size_px, finger.text_px, top)
 
 
 def _test(finger: Finger) -> ItemPanel:
-    lines, items = instructions(Render(**finger.world.monitor()["config"]["render"]))
-    return _text(finger, Overlay(lines=lines, items=items))
+    return _text(finger, instructions(Render(**finger.world.monitor()["config"]["render"])))
 
 
 def walk(finger: Finger, scenes: Sequence[Path]) -> Iterator[str]:
@@ -63,15 +63,16 @@ def walk(finger: Finger, scenes: Sequence[Path]) -> Iterator[str]:
     yield "bar"
     finger.use_bar("choose")
     yield "scenes"
-    items = [Item(scene.name, Event("load", str(scene))) for scene in scenes] + [Item("the camera")]
-    menu = Menu("Choose a scene", SCENES_HINT.format(""), tuple(items))
+    tiles = [Item(scene.name, Event("load", str(scene))) for scene in scenes]
+    looks = Item("Viewer", Event("who"), row=True)
+    menu = Menu("Choose a scene", (OPEN, looks, Item("Demos", row=True), *tiles))
     finger.touch(_menu(finger, menu), "load", str(scenes[1]))
     finger.title = f"lfpipe: {scenes[1].name}"
     until(lambda: outline(finger.title, finger.screen.name), "second scene")
     yield "another-scene"
     finger.use_bar("help")
     yield "help"
-    finger.touch(_text(finger, Overlay(lines=HELP)), "close")
+    finger.touch(_text(finger, Overlay(title="Keys and mouse", lines=HELP)), "close")
     finger.use_bar("overlay")
     time.sleep(3.0)  # the bar goes
     yield "metrics"
@@ -89,13 +90,13 @@ def walk(finger: Finger, scenes: Sequence[Path]) -> Iterator[str]:
     finger.use_bar("open")
     time.sleep(3.0)
     yield "folder"
-    finger.use_bar("calibrate")
+    finger.world.ask(cmd="action", name="calibrate", value=600.0)
     time.sleep(3.0)
     yield "calibrate"
-    finger.touch(_text(finger, calibration_page(Distance("600"), True, True, False)), "enter")
+    finger.touch(_text(finger, calibration_page(Distance("60"), True, True, False)), "enter")
     time.sleep(3.0)
     yield "calibrated"
-    finger.touch(_text(finger, calibration_page(Distance("600"), True, True, True)), "close")
+    finger.touch(_text(finger, calibration_page(Distance("60"), True, True, True)), "close")
     finger.use_bar("fullscreen")
     yield "full-screen"
     finger.use_bar("which")

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import attrs
 import numpy as np
@@ -11,12 +12,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.render.display.display import NO_EVENT, Event, Item, Menu, Overlay
+from lfpipe.render.display.display import NO_EVENT, Event, Item, Menu, Notice, Overlay
 from lfpipe.render.display.window import TEXT_PX
-from lfpipe.render.display.window_system import font
+from lfpipe.render.display.window_system import written
 from lfpipe.render.ui import overlay_view
 from lfpipe.render.ui.calibration import Distance, calibration_page
-from lfpipe.render.ui.folders import folder_menu
+from lfpipe.render.ui.folders import Content, folder_menu
 from lfpipe.render.ui.keys import ACTION_OF, DEPTH, HELP, KEYS, bar_items
 from lfpipe.render.ui.look import NO_HIGHLIGHT
 from lfpipe.render.ui.overlay_view import EDGE_PX, ItemPanel, OverlayView, bar_panel, menu_panel
@@ -25,7 +26,10 @@ from tests.display.test_window import GREY, becomes, pressed, window  # noqa: F4
 from tests.support.examples import examples
 
 SIZES = [(320, 240), (640, 480), (1920, 1080), (3840, 2160)]
-BAR = bar_items(0.0, False, False, frozenset())
+BAR = bar_items(0.0, False, False)
+CONTENT = Content(Path("/home"), ["views"], ["film.mp4"], 25)
+WITH_BUTTON = Notice("A face", (Item("Use it", Event("x")),))
+TURNS = Item("◀", Event("previous")), Item("▶", Event("next"))
 ARROWS = ["left", "right", "up", "down", "pagedown", "pageup"]
 
 
@@ -92,7 +96,7 @@ def test_bar_items_show_their_keys() -> None:
 @pytest.mark.parametrize("size", SIZES)
 def test_bar_entries_keep_their_places_in_every_state(size: tuple[int, int]) -> None:
     text_px = max(TEXT_PX, size[1] // 50)
-    without = [frozenset(), frozenset({DEPTH, "choose", "record"})]
+    without = [(), ((DEPTH, "flat"), ("choose", "alone"), ("record", "no camera"))]
     places = {
         tuple((item.event, *rect) for item, rect in panel.cells)
         for items in (
@@ -108,7 +112,7 @@ def test_bar_entries_keep_their_places_in_every_state(size: tuple[int, int]) -> 
 
 def test_bar_entry_that_the_session_lacks_does_nothing() -> None:
     screened = Screened(
-        (1920, 1080), Overlay(bar=bar_items(0.0, False, False, frozenset({"record"})))
+        (1920, 1080), Overlay(bar=bar_items(0.0, False, False, (("record", "no camera"),)))
     )
     bar = screened.draw()
     by_name = {item.event.name: rect.move(bar.at).center for item, rect in bar.cells}
@@ -121,16 +125,16 @@ def test_bar_entry_that_the_session_lacks_does_nothing() -> None:
     "page",
     [
         Overlay(menu=glasses_menu("mono")),
-        Overlay(lines=HELP),
+        Overlay(title="Keys", lines=HELP),
         Overlay(lines=("30.0 Hz", "age of the picture 21 ms")),
         Overlay(lines=("does each eye see its letter?",), items=(Item("Done", Event("glasses")),)),
-        calibration_page(Distance("600"), True, True, True),
-        Overlay(menu=folder_menu(Path("/home"), ["views"], ["film.mp4"])),
+        calibration_page(Distance("60"), True, True, True),
+        Overlay(menu=folder_menu(CONTENT, {})),
     ],
     ids=["menu", "help", "metrics", "test", "calibration", "folder"],
 )
 def test_notices_and_pages_leave_the_bar_free(size: tuple[int, int], page: Overlay) -> None:
-    notices = ("CPU overloaded: picture quality reduced",)
+    notices = (Notice("Busy computer: picture quality reduced"),)
     screened = Screened(size, attrs.evolve(page, notices=notices, bar=BAR, scene="still life"))
     screened.move(pygame.MOUSEMOTION, 5, size[1] - 5)
     *others, bar = screened.panels(size, max(TEXT_PX, size[1] // 50))
@@ -146,13 +150,13 @@ def test_help_shows_every_key_in_legible_letters(
 ) -> None:
     sizes = list[int]()
 
-    def recorded(size_px: int) -> pygame.font.Font:
+    def recorded(text: str, size_px: int, *more: Any) -> pygame.Surface:
         sizes.append(size_px)
-        return font(size_px)
+        return written(text, size_px, *more)
 
-    monkeypatch.setattr(overlay_view, "font", recorded)
+    monkeypatch.setattr(overlay_view, "written", recorded)
     overlay_view.text_panel.cache_clear()
-    screened = Screened(size, Overlay(lines=HELP, bar=BAR))
+    screened = Screened(size, Overlay(title="Keys", lines=HELP, bar=BAR))
     firsts = list[int]()
     for turn in ("pagedown", "pageup"):
         while not firsts or screened._firsts[-1] != firsts[-1]:
@@ -186,11 +190,17 @@ def test_letters_contrast_with_any_picture(source: str, lit: bool) -> None:
     if source == "noise":
         picture = np.random.default_rng(1).integers(0, 256, picture.shape).astype(np.uint8)
     for overlay in (
-        Overlay(lines=HELP, bar=BAR, scene="still life", step="measuring depth, 40 %"),
-        Overlay(menu=glasses_menu("mono"), bar=BAR, notices=("camera lost, trying again",)),
+        Overlay(
+            title="Keys", lines=HELP, bar=BAR, scene="still life", step="measuring depth, 40 %"
+        ),
+        Overlay(
+            menu=glasses_menu("mono"),
+            bar=BAR,
+            notices=(Notice("Camera lost"), Notice("A face", (Item("Use it", Event("x")),))),
+        ),
         Overlay(lines=("a line",), items=(Item("Done", Event("glasses"), "g"),), bar=BAR),
-        attrs.evolve(calibration_page(Distance("600"), True, True, False), bar=BAR),
-        Overlay(menu=folder_menu(Path("/home"), ["views"], ["film.mp4"]), bar=BAR),
+        attrs.evolve(calibration_page(Distance("60"), True, True, False), bar=BAR),
+        Overlay(menu=folder_menu(CONTENT, {}), bar=BAR),
     ):
         screened = Screened(size, overlay)
         panels = screened.panels(size, TEXT_PX)
@@ -237,7 +247,7 @@ def test_bar_goes_by_itself_but_not_while_the_slider_is_held(
 @pytest.mark.parametrize("size", SIZES[1:2])
 def test_menu_of_several_pages_is_turned_by_touch(size: tuple[int, int]) -> None:
     items = tuple(Item(f"scene {number}", Event("load", str(number))) for number in range(99))
-    screened = Screened(size, Overlay(menu=Menu("Choose a scene", "a hint", items)))
+    screened = Screened(size, Overlay(menu=Menu("Choose a scene", items)))
     reached = set[Event]()
     for turn in ("pagedown", "pageup"):
         for _ in items:
@@ -260,7 +270,7 @@ def test_menu_shows_the_selected_item(count: int, size: tuple[int, int], keys: l
         Item(f"scene {k}", Event("load", f"/{k}"), picture=np.zeros((6, 8, 3), np.uint8))
         for k in range(count)
     )
-    screened = Screened(size, Overlay(menu=Menu("", "a hint", items, count // 2)))
+    screened = Screened(size, Overlay(menu=Menu("", items, count // 2)))
     for key in keys:
         assert screened.key(key) is None
         screened.draw()
@@ -269,7 +279,7 @@ def test_menu_shows_the_selected_item(count: int, size: tuple[int, int], keys: l
     assert selected is not None
     assert screened.key("delete") == Event("delete", selected.text)
     assert screened.key("m") == Event("mode")
-    screened.set(Overlay(menu=Menu("", "a hint", items[:-1] or items, 0)))  # of the same title
+    screened.set(Overlay(menu=Menu("", items[:-1] or items, 0)))  # of the same title
     assert screened.key("enter") == selected or selected == items[-1].event
     screened.draw()
     remaining = len(items[:-1] or items)
@@ -280,7 +290,7 @@ def test_menu_shows_the_selected_item(count: int, size: tuple[int, int], keys: l
 
 def test_tile_shows_both_ends_of_a_long_name() -> None:
     def drawn(name: str) -> bytes:
-        tiles = Menu("title", "hint", (Item(name, Event("load", name), icon="file"),), 0)
+        tiles = Menu("title", (Item(name, Event("load", name), icon="file"),), 0)
         return bytes(pygame.image.tobytes(menu_panel(tiles, 0, (640, 480), 14).surface, "RGB"))
 
     stem = "IMG_20260101_120000_" + "burst_" * 60

@@ -10,7 +10,7 @@ from lfpipe.render.display.window import TEXT_PX
 from lfpipe.render.display.window_system import pygame
 from lfpipe.render.ui.keys import HELP
 from lfpipe.render.ui.look import RED
-from lfpipe.render.ui.overlay_view import ItemPanel, menu_panel, text_panel
+from lfpipe.render.ui.overlay_view import ItemPanel, menu_panel, text_panel, top_px
 from lfpipe.render.ui.pages import glasses_menu, instructions
 from tests.support.finger import Finger
 from tests.support.world import World, write_scene
@@ -28,14 +28,14 @@ def test_touch_closes_pages_by_their_cross_and_by_another_entry(
     # its views are dark: white is in panels alone
     scene = write_scene(world.root / "grid", 3, 3)
     process = world.start("up", scene, "--camera", "demo", "--session", world.name)
-    finger = Finger(world, screen, f"lfpipe: grid {HINTS}", frozenset({"choose"}))
+    finger = Finger(world, screen, f"lfpipe: grid {HINTS}")
     world.wait_for(lambda: outline(finger.title, screen.name), "window")
     width, height = finger.size_px
     area = width, finger.bar().at[1]
     question = menu_panel(glasses_menu("dubois"), 0, area, TEXT_PX)
-    lines, items = instructions(Render())
-    test = text_panel(Overlay(lines=lines, items=items), area[1], (width, height), TEXT_PX)
-    help_page = text_panel(Overlay(lines=HELP), area[1], (width, height), TEXT_PX)
+    test = text_panel(instructions(Render()), area[1], (width, height), TEXT_PX)
+    keys = Overlay(title="Keys and mouse", lines=HELP)
+    help_page = text_panel(keys, area[1], (width, height), TEXT_PX, top_px(TEXT_PX))
 
     def comes(panel: ItemPanel) -> None:
         world.wait_for(lambda: finger.dark(panel), "the panel")

@@ -13,7 +13,7 @@ import numpy as np
 import pygame
 import pytest
 
-from lfpipe.render.display.display import Display, Item, Menu, Overlay
+from lfpipe.render.display.display import Display, Item, Menu, Notice, Overlay
 from lfpipe.render.display.open_display import HINT, open_display, parse_display
 from lfpipe.render.display.window import ScreenWindow
 from lfpipe.render.ui.keys import ACTION_OF, HELP, KEYS
@@ -86,9 +86,9 @@ def test_screen_window_overlay_has_lines_above_and_notices_below(
     odd = "sc\udce8ne\0"  # names of files that no font has letters for
     for overlay, rest in (
         (Overlay(lines=("30.0 Hz", "age of the picture 21 ms")), slice(200, None)),
-        (Overlay(notices=("mode: grey", "paused")), slice(400)),
-        (Overlay(lines=(odd,), notices=(odd,), progress=0.5), slice(200, 300)),
-        (Overlay(menu=Menu("", "a hint", (Item(odd),))), slice(0, 20)),
+        (Overlay(notices=(Notice("Mode: grey"), Notice("Paused"))), slice(370)),
+        (Overlay(lines=(odd,), notices=(Notice(odd),), progress=0.5), slice(200, 300)),
+        (Overlay(menu=Menu("", (Item(odd),))), slice(0, 20)),
     ):
         display.overlay(overlay)
         assert becomes(lambda: bool((screen.shown() == 255).any()), display)  # white letters

@@ -14,8 +14,8 @@ from lfpipe.errors import UserError
 from lfpipe.render.display.display import Event
 from lfpipe.render.ui.calibration import (
     MEASURED_FRAMES,
-    NEAREST_MM,
-    SLIDER_MM,
+    NEAREST_CM,
+    SLIDER_CM,
     SPREAD,
     Distance,
     StillEyes,
@@ -121,18 +121,18 @@ def typed(distance: Distance, *keys: str) -> float:
 
 
 def test_distance_is_typed_stepped_and_slid() -> None:
-    distance = Distance("600")
-    assert typed(distance, *"750") == 750 and typed(distance, "backspace") == 75
-    assert [Distance(text).is_possible for text in ("", "75", "750", "7500")] == [0, 0, 1, 0]
-    assert typed(distance, "0") == 750
+    distance = Distance("60")
+    assert typed(distance, *"75") == 750 and typed(distance, "backspace") == 70
+    assert [Distance(text).is_possible for text in ("", "7", "75", "750")] == [0, 0, 1, 0]
+    assert typed(distance, "5") == 750
     distance.take(Event("alpha+"))
     assert distance.mm == 760
-    assert typed(distance, *"123456") == 1234, "digits begin a new number, of four at most"
-    assert typed(Distance("600"), *["backspace"] * 5) == 0
-    for value, mm in zip((0.0, 1.0), SLIDER_MM, strict=True):
+    assert typed(distance, *"12345") == 1230, "digits begin a new number, of three at most"
+    assert typed(Distance("60"), *["backspace"] * 5) == 0
+    for value, cm in zip((0.0, 1.0), SLIDER_CM, strict=True):
         distance.take(Event("distance", value=value))
-        assert distance.mm == mm
+        assert distance.mm == 10 * cm
     for _ in range(1000):
         distance.take(Event("less"))
-    assert distance.mm == NEAREST_MM
+    assert distance.mm == 10 * NEAREST_CM
     assert not distance.take(Event("enter")), "what is not its own is for others"

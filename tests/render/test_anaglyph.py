@@ -114,7 +114,7 @@ def test_every_anaglyph_has_a_choice_text_glasses_and_leaks() -> None:
     assert {name for name in choices("render.anaglyph") if name in MATRICES} == set(MATRICES)
     assert set(notices.GLASSES) == set(choices("render.anaglyph")), "add its words to GLASSES"
     assert set(MATRICES) - set(LEAKS) == WITHOUT_SPECTRA, "add its glasses to LEAKS"
-    worn = [value for _, _, value in KINDS]
+    worn = [value for *_, value in KINDS]
     for name in MATRICES:
         assert any(LEAKS.get(name) == LEAKS.get(value) for value in worn), f"no glasses for {name}"
 

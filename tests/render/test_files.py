@@ -10,8 +10,9 @@ from typing import Any
 import pytest
 
 from lfpipe.config.user_files import write_keys
+from lfpipe.render.display.display import Event
 from lfpipe.render.ui.files import Files
-from lfpipe.render.ui.folders import MAX_LISTED, folder_menu, list_folder
+from lfpipe.render.ui.folders import MAX_LISTED, Content, folder_menu, list_folder
 from lfpipe.scene.demo import demo_scene
 from lfpipe.scene.recent_scenes import remember_scene
 from tests.support.refusal import refusal
@@ -57,15 +58,12 @@ def test_list_folder_has_what_there_is_to_open(
         (tmp_path / name).mkdir()
     for name in ("view_10.png", "view_2.PNG", "film.mp4", "field.h5", "notes.txt", ".thumb.png"):
         (tmp_path / name).touch()
-    found = (
-        tmp_path,
-        ["b9", "b10"],
-        ["field.h5", "film.mp4", "view_2.PNG", "view_10.png"],
-    )
+    scenes = ["field.h5", "film.mp4", "view_2.PNG", "view_10.png"]
+    found = Content(tmp_path, ["b9", "b10"], scenes)
     assert list_folder(tmp_path) == found
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / ".state"))
     monkeypatch.setenv("HOME", str(tmp_path / "b9"))
-    assert list_folder(None)[0] == tmp_path / "b9", "at home"
+    assert list_folder(None).folder == tmp_path / "b9", "at home"
     remember_scene(tmp_path / "film.mp4")
     remember_scene(demo_scene(tmp_path / "b10"))
     assert list_folder(None) == found, "where the last scene is that is no demo"
@@ -74,9 +72,20 @@ def test_list_folder_has_what_there_is_to_open(
 
 @pytest.mark.parametrize(("folders", "files"), [(5, MAX_LISTED), (MAX_LISTED + 2, 3), (0, 3)])
 def test_folder_menu_has_a_limit_and_says_what_is_left_out(folders: int, files: int) -> None:
-    names = [[f"{k}" for k in range(count)] for count in (folders, files)]
-    menu = folder_menu(Path("/f"), *names)
-    listed = len(menu.items) - 2
+    one, other = ([f"{k}" for k in range(count)] for count in (folders, files))
+    menu = folder_menu(Content(Path("/f"), one, other), {})
+    listed = sum(not item.row for item in menu.items)
     assert listed == min(folders + files, MAX_LISTED)
     left = folders + files - listed
-    assert (f"{left} more are not listed" in menu.hint) == bool(left)
+    assert any(f"{left} more" in item.label for item in menu.items) == bool(left)
+
+
+def test_views_of_a_scene_are_offered_as_one(tmp_path: Path) -> None:
+    for name in (*(f"view_{k:02d}.png" for k in range(25)), "pair.mpo", "quilt_4x8.png"):
+        (tmp_path / name).touch()
+    content = list_folder(tmp_path)
+    assert content == Content(tmp_path, [], ["pair.mpo", "quilt_4x8.png"], 25)
+    first, *others = folder_menu(content, {}).items
+    assert first.label == "Open these 25 pictures as one scene"
+    assert first.event == Event("load", str(tmp_path))
+    assert [item.label for item in others if not item.row] == content.scenes

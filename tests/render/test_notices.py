@@ -11,25 +11,51 @@ import pytest
 from lfpipe.config import Config, Render, SessionOptions, choices
 from lfpipe.config.modes import Window
 from lfpipe.config.tree import Anaglyph
+from lfpipe.render.display.display import Notice
 from lfpipe.render.synthesis.anaglyph import MATRICES
 from lfpipe.render.ui.files import Files
-from lfpipe.render.ui.notices import SHOWN_NS, ChangeNotices, Notices
+from lfpipe.render.ui.notices import SHOWN_NS, ChangeNotices, Notices, for_window
 from lfpipe.render.ui.pages import glasses_test
 from lfpipe.render.ui.recording import RecordingIndicator
-from lfpipe.render.ui.scenes import SceneLoader
+from lfpipe.render.ui.scenes import OPEN, SceneLoader
 from lfpipe.scene.lightfield import HARDLY_FIT, Manifest
 from lfpipe.sequence.folder import MANIFEST
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.control import Answer
 
 
+def texts(notices: Notices) -> list[str]:
+    return [notice.text for notice in notices.current(now_ns(), [])]
+
+
 def test_notices_pass_and_states_stay() -> None:
     notices = Notices()
     t_ns = now_ns()
     notices.show("mode", "mode: grey")
-    notices.show("mode", "mode: mono")
-    assert notices.lines(t_ns + SHOWN_NS - 1, ["", "paused"]) == ("mode: mono", "paused")
-    assert notices.lines(now_ns() + SHOWN_NS, ["", "paused"]) == ("paused",)
+    notices.show("mode", "mode: mono", items=(OPEN,))
+    standing = [Notice(""), Notice("paused")]
+    mono = Notice("mode: mono", (OPEN,))
+    assert notices.current(t_ns + SHOWN_NS - 1, standing) == (mono, Notice("paused"))
+    assert notices.current(now_ns() + SHOWN_NS, standing) == (Notice("paused"),)
+
+
+@pytest.mark.parametrize(
+    ("error", "remedy", "shown"),
+    [
+        ("no camera found", "plug it in, or use --camera demo", "No camera found."),
+        (
+            "/tmp/x/fern: the folder is empty",
+            "give a folder",
+            "fern: the folder is empty: give a folder.",
+        ),
+        ("the camera is busy", "use `lfpipe ctl stop`\nor", "The camera is busy."),
+        ("a: bad\nmore", "use --set scene.force=true", "A: bad."),
+    ],
+)
+def test_errors_in_the_window_name_no_paths_and_commands(
+    error: str, remedy: str, shown: str
+) -> None:
+    assert for_window(error, remedy) == shown
 
 
 @pytest.mark.parametrize("lock_code", ["", "1"])
@@ -39,6 +65,8 @@ def test_views_that_hardly_fit_are_named_once_in_a_window_that_is_not_locked(
     field = SimpleNamespace(
         name="album",
         depth_inverted=False,
+        rows=4,
+        cols=5,
         manifest=Manifest(notes=(HARDLY_FIT,)),
     )
     context: Any = SimpleNamespace(
@@ -47,7 +75,8 @@ def test_views_that_hardly_fit_are_named_once_in_a_window_that_is_not_locked(
     viewer: Any = SimpleNamespace(field=field)
     shown = Notices()
     ChangeNotices(context, viewer, shown, Files(context)).show_doubts()
-    assert shown.lines(now_ns(), []) == (() if lock_code else (HARDLY_FIT,))
+    told = [notice.text for notice in shown.current(now_ns(), [])]
+    assert told == ([] if lock_code else ["These 20 pictures hardly fit together."])
 
 
 @pytest.mark.parametrize(
@@ -90,19 +119,21 @@ def test_a_recording_starts_at_once_and_resumes(
     )
     recording = RecordingIndicator(context, notices)  # type: ignore[arg-type]
     recording.toggle()
-    assert notices.lines(now_ns(), []) == (paused * "resumed: " + "the recording starts",)
+    recording.toggle()  # at a second press, as long as the first is not answered, nothing
+    assert texts(notices) == ["Starting the recording ..."]
     *before, (word, path) = asked
     assert before == [("resume", "")] * paused and word == "record"
     assert Path(path).parent == tmp_path / "Videos" and Path(path).parent.is_dir()
+    recording.answered()
     context.options.record = path
     recording.update(0)
     context.options.record = ""
-    recording.update(1)
-    assert not any(path in line for line in notices.lines(now_ns(), [])), "it is still written"
+    recording.update(20 * SECOND_NS)
+    assert not any(path in text for text in texts(notices)), "it is still written"
     Path(path).mkdir()
     (Path(path) / MANIFEST).touch()
-    recording.update(2)
-    assert any(Path(path).name in line for line in notices.lines(now_ns(), []))
+    recording.update(20 * SECOND_NS + 1)
+    assert texts(notices) == [f"Camera recorded, 20 s: {path}"]
 
 
 def loader(notices: Notices, **more: object) -> tuple[SceneLoader, list[dict[str, object]]]:
@@ -155,7 +186,7 @@ def test_scene_loader_reports_progress_and_what_cannot_be_opened() -> None:
     scenes, asked = loader(notices, playlist=("/a", "/b"))
 
     def shown() -> list[str]:
-        return list(filter(None, (*notices.lines(now_ns(), []), scenes.status())))
+        return list(filter(None, (*texts(notices), scenes.status())))
 
     def report(scene: str, step: str) -> None:
         scenes.report({"scene": scene, "step": step, "shown": False, "share": 0.5})
@@ -173,7 +204,3 @@ def test_scene_loader_reports_progress_and_what_cannot_be_opened() -> None:
     assert asked == [{"load": {"step": 1}}, {"load": {"step": 2}}]
     scenes.handle(Answer.of({"cmd": "load", "ok": True, "note": "2 scenes; 3 other pictures"}))
     assert shown() == ["2 scenes; 3 other pictures"]
-    scenes.load(Path("/a"))
-    error = {"error": "/home/x/a: the folder is empty", "remedy": "use --set scene.force=true"}
-    scenes.handle(Answer.of({"cmd": "load", "ok": False, **error}))
-    assert shown()[-1] == "a: the folder is empty."

@@ -16,12 +16,11 @@ from tests.support.xvfb_screen import Screen, outline
 
 @attrs.define
 class Finger:
-    """Taps on a session's window. without: events that its bar lacks."""
+    """Taps on a session's window."""
 
     world: World
     screen: Screen
     title: str
-    without: frozenset[str] = frozenset()
 
     @functools.cached_property
     def place(self) -> tuple[int, int, int, int]:
@@ -49,7 +48,7 @@ class Finger:
         self.tap(*rect.move(panel.at).center)
 
     def bar(self, recording: bool = False, paused: bool = False) -> ItemPanel:
-        items = bar_items(0.0, recording, paused, self.without)
+        items = bar_items(0.0, recording, paused)
         return bar_panel(items, NO_HIGHLIGHT, self.size_px, self.text_px)
 
     def use_bar(self, event: str, recording: bool = False, paused: bool = False) -> None:

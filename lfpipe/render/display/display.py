@@ -52,9 +52,15 @@ class Item:
     slider: float | None = None
     """Position of a slider, 0 to 1; its event carries the new one."""
     warns: bool = False
-    """Whether the label is red."""
+    """Whether the label is red; in a menu, its second line."""
     off: bool = False
     """Whether it keeps its place without an effect."""
+    more: str = ""
+    """A second line in a menu; in the bar, why it is off."""
+    row: bool = False
+    """Whether it is a row of a menu; without an event, a heading."""
+    main: bool = False
+    """Whether most people choose it."""
 
 
 @attrs.frozen
@@ -65,27 +71,37 @@ class Menu:
     """
 
     title: str
-    hint: str
     items: tuple[Item, ...]
     at: int = 0
     """The item selected at first."""
+
+
+@attrs.frozen
+class Notice:
+    """A line or a few over the picture."""
+
+    text: str
+    items: tuple[Item, ...] = ()
+    """What can be done about it; then it is at the top."""
 
 
 @attrs.frozen(kw_only=True)
 class Overlay:
     """The overlay. Esc, and the × button of text panels and menus, emit "close"."""
 
+    title: str = ""
+    """Of the lines."""
     lines: tuple[str, ...] = ()
-    """At the top left; in the middle if they name keys, each followed by a tab."""
+    """At the top left; in the middle if they have a title. KEY\tTEXT is a key, NAME\tTEXT\tSHARE
+    a value with a bar, and a line before such ones a heading."""
     items: tuple[Item, ...] = ()
-    """Entries below the lines, which then are at the bottom; without lines, below the last
-    notice."""
+    """Entries below the lines, which then are at the bottom."""
     types: bool = False
     """Whether digits and "backspace" are reported, as the text of a "type"."""
     inset: NDArray[np.uint8] | None = attrs.field(default=None, eq=id)
     """A small picture below the lines, uint8 (height, width, 3) BGR."""
-    notices: tuple[str, ...] = ()
-    """Each in a panel of its own at the bottom, the first on top."""
+    notices: tuple[Notice, ...] = ()
+    """Each in a panel of its own, the newest next to the picture's edge."""
     scene: str = ""
     """Its name at the top left, with the bar or a progress."""
     step: str = ""
@@ -99,6 +115,10 @@ class Overlay:
     """At the bottom, while the pointer is there or rests: its entries keep their places."""
     recording: str = ""
     """Text beside a red dot at the top right."""
+    caption: tuple[str, ...] = ()
+    """A title and lines in large letters at the bottom left, with the items at the right."""
+    elapsed: float | None = None
+    """Share of the time of the scene, as a bar along the bottom."""
 
 
 @attrs.frozen

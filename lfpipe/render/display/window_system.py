@@ -22,6 +22,7 @@ from pygame._sdl2 import video as video
 
 ICON_PX = 64  # desktops scale it down
 FONT = Path(__file__).parent / "fonts" / "DejaVuSans.ttf"
+BOLD = FONT.with_stem("DejaVuSans-Bold")  # the letters of European languages only
 FONT_SHARE = 0.75  # size of letters, as fonts count it, over the height of their line
 UNSEEN = ("dummy", "offscreen")  # drivers without a screen, for tests
 
@@ -77,12 +78,20 @@ def drawable(text: str) -> str:
 
 
 @functools.lru_cache(32)
-def font(size_px: int) -> pygame.font.Font:
+def font(size_px: int, bold: bool = False) -> pygame.font.Font:
     """DejaVu Sans, which is made for screens: its letters stay evenly spaced when they are small.
 
     size_px: height of a line, about.
     """
-    return pygame.font.Font(FONT, round(FONT_SHARE * size_px))
+    return pygame.font.Font(BOLD if bold else FONT, round(FONT_SHARE * size_px))
+
+
+def written(
+    text: str, size_px: int, colour: tuple[int, ...], bold: bool = False, wrap_px: int = 0
+) -> pygame.Surface:
+    """Text in letters of that size, in lines of at most wrap_px if that is not 0."""
+    letters = font(size_px, bold and max(text, default="") < "\u0180")
+    return letters.render(drawable(text), True, colour, None, wrap_px)
 
 
 def icon() -> pygame.Surface:

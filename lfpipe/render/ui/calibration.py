@@ -23,23 +23,23 @@ from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Reader
 
-NEAREST_MM, FARTHEST_MM, USUAL_MM = 100, 5000, 600.0
-STEP_MM = 10  # as exact as a person keeps a distance
-SLIDER_MM = 300, 1500  # usual seats
-STEPS = {"alpha-": -STEP_MM, "less": -STEP_MM, "alpha+": STEP_MM, "more": STEP_MM}  # by event
+NEAREST_CM, FARTHEST_CM, USUAL_MM = 10, 500, 600.0
+SLIDER_CM = 30, 150  # usual seats
+STEPS = {"alpha-": -1, "less": -1, "alpha+": 1, "more": 1}  # cm by event
 MEASURED_FRAMES = 45  # with a face: one and a half seconds
 SPREAD = 0.05  # limit of the interquartile range as a share of the median: the viewer moved
 RING = 1.6  # radius over the distance of the eyes: around the face
 BELOW = 0.4  # of the preview's height: the lines and buttons lie there
 # BGR, the eyes as the lenses of most glasses
 GREY, RED, ACCENT, BACK = (110, 110, 110), (90, 90, 255), (215, 196, 53), (26, 21, 18)
-ACCEPT = Item("Accept", Event("enter"), "Enter")
-AGAIN = Item("Again", Event("previous"), "PgUp")
+ACCEPT = Item("Accept", Event("enter"), main=True)
+AGAIN = Item("Again", Event("previous"))
+DONE = Item("Done", Event("close"), main=True)
 
 
 @attrs.define
 class Distance:
-    """A distance to type, to step or to slide."""
+    """A distance in cm to type, to step or to slide."""
 
     text: str
     is_new: bool = attrs.field(default=True, init=False)
@@ -47,28 +47,28 @@ class Distance:
 
     @property
     def mm(self) -> float:
-        return float(self.text or 0)
+        return 10 * float(self.text or 0)
 
     @property
     def is_possible(self) -> bool:
-        return NEAREST_MM <= self.mm <= FARTHEST_MM
+        return NEAREST_CM <= self.mm / 10 <= FARTHEST_CM
 
     def set(self, mm: float) -> None:
-        self.text = f"{min(max(mm, NEAREST_MM), FARTHEST_MM):g}"
+        self.text = f"{min(max(mm / 10, NEAREST_CM), FARTHEST_CM):g}"
         self.is_new = True
 
     def take(self, event: Event) -> bool:
         """Follows an event; returns whether it is one of its own."""
         if event.name in STEPS:
-            self.set(self.mm + STEPS[event.name])
+            self.set(self.mm + 10 * STEPS[event.name])
         elif event.name == "distance":
-            low, high = SLIDER_MM
-            self.set(low + round(event.value * (high - low) / STEP_MM) * STEP_MM)
+            low, high = SLIDER_CM
+            self.set(10 * (low + round(event.value * (high - low))))
         elif event == Event("type", "backspace"):
             self.text = self.text[:-1]
             self.is_new = False
         elif event.name == "type":
-            self.text = (("" if self.is_new else self.text) + event.text)[: len(str(FARTHEST_MM))]
+            self.text = (("" if self.is_new else self.text) + event.text)[: len(str(FARTHEST_CM))]
             self.is_new = False
         else:
             return False
@@ -76,11 +76,11 @@ class Distance:
 
     @property
     def items(self) -> tuple[Item, ...]:
-        low, high = SLIDER_MM
-        at = min(max((self.mm - low) / (high - low), 0.0), 1.0)
+        low, high = SLIDER_CM
+        at = min(max((self.mm / 10 - low) / (high - low), 0.0), 1.0)
         return (
             Item("", Event("alpha-"), "-"),
-            Item(f"{self.text or '_'} mm", Event("distance"), slider=at),
+            Item(f"{self.text or '_'} cm", Event("distance"), slider=at),
             Item("", Event("alpha+"), "+"),
         )
 
@@ -138,13 +138,13 @@ def mirrored(
 
 def calibration_page(distance: Distance, ready: bool, has_face: bool, is_stored: bool) -> Overlay:
     """The lines and buttons."""
-    state = "Hold still until the ring is full." if has_face else "No face: sit in good light."
-    if ready:
-        state = "Stored." if is_stored else "Measured. Accept it."
-    items = (*distance.items, attrs.evolve(ACCEPT, off=is_stored or not ready), AGAIN)
-    return Overlay(
-        lines=("Look into the camera; set its distance.", state), items=items, types=True
-    )
+    state = "Set your distance from the camera, then hold still"
+    if not has_face:
+        state = "No face: sit in good light"
+    elif ready:
+        state = "Saved. To check: move, set the new distance" if is_stored else "Ready"
+    last = DONE if is_stored else attrs.evolve(ACCEPT, off=not ready)
+    return Overlay(lines=(state,), items=(*distance.items, AGAIN, last), types=True)
 
 
 def _save(viewer: ViewerKind, focal_px: float, width_px: int) -> None:
@@ -164,7 +164,7 @@ class CalibrationPage(Page):
         self._context = context
         self._files = files
         self._presenter = presenter
-        self.distance = Distance(f"{context.options.calibrate_mm or USUAL_MM:g}")
+        self.distance = Distance(f"{(context.options.calibrate_mm or USUAL_MM) / 10:g}")
         self._is_stored = False
         self._eyes = StillEyes()
         self._rings = list[Reader]()

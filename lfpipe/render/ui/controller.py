@@ -12,7 +12,7 @@ import attrs
 import platformdirs
 
 from lfpipe.config.modes import Window, is_measurable
-from lfpipe.render.display.display import Display, Event, Item, Overlay, Pointer
+from lfpipe.render.display.display import Display, Event, Item, Notice, Overlay, Pointer
 from lfpipe.render.display.file_display import save
 from lfpipe.render.display.open_display import HINT
 from lfpipe.render.presenter import Presenter
@@ -21,17 +21,22 @@ from lfpipe.render.ui.files import Files
 from lfpipe.render.ui.folders import FolderPage
 from lfpipe.render.ui.keys import CLOSING, DEPTH, HELP, bar_items
 from lfpipe.render.ui.notices import (
+    ASKED_NS,
+    RECORDED_FACE,
     SHOWN_NS,
+    USE_CAMERA,
+    USE_MOUSE,
     VIEWERS,
     ChangeNotices,
     Notices,
+    for_window,
+    short,
     standing_notices,
     viewer_kind,
     viewer_name,
 )
 from lfpipe.render.ui.pages import (
     GHOST,
-    RECORDED_FACE,
     GlassesTest,
     MetricsPage,
     Page,
@@ -39,7 +44,7 @@ from lfpipe.render.ui.pages import (
     viewer_menu,
 )
 from lfpipe.render.ui.recording import RecordingIndicator, user_folder
-from lfpipe.render.ui.scenes import NO_OTHER, SceneLoader, ScenePage
+from lfpipe.render.ui.scenes import SceneLoader, ScenePage
 from lfpipe.render.ui.settings import Settings
 from lfpipe.render.viewer.mouse_look import MouseLook
 from lfpipe.render.viewer.viewer import Viewer
@@ -48,8 +53,8 @@ from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.control import Answer
 
-LOOKING = {VIEWERS["mouse"]: "move the mouse to look around"}  # name of a viewer -> notice
-NEXT = Overlay(items=(Item("Next scene", Event("next")),))  # of a locked window
+LOOKING = {VIEWERS["mouse"]: "Move the mouse to look around"}  # name of a viewer -> notice
+TURNS = Item("◀", Event("previous")), Item("▶", Event("next"))  # of a locked window
 MAX_EVENTS = 16  # at once: more than a person presses between two refreshes
 HINT_NS = 6 * SECOND_NS  # after the user has looked at the scene
 
@@ -77,9 +82,9 @@ class Ui:
         self.scenes = SceneLoader(context, self.notices)
         self.recording = RecordingIndicator(context, self.notices)
         self.scene_page = ScenePage(context, files)
-        self.folder_page = FolderPage(files)
+        self.folder_page = FolderPage(context, files)
         self.metrics_page = MetricsPage(context, viewer, presenter)
-        self.help_page = Page(lambda: Overlay(lines=HELP))
+        self.help_page = Page(lambda: Overlay(title="Keys and mouse", lines=HELP))
         self.calibration = CalibrationPage(context, presenter, files)
         self.viewer_page = Page(
             lambda: Overlay(menu=viewer_menu(viewer_kind(context.options.viewer)))
@@ -93,6 +98,7 @@ class Ui:
         self._display = display
         self._overlay = Overlay()
         self._actions = actions
+        self.dismissed = False
         self._changes = ChangeNotices(context, viewer, self.notices, files)
         first = not context.row["restarts"]
         self.page: Page | None = (
@@ -113,9 +119,15 @@ class Ui:
             return self.scene_page
         if options.calibrate_mm:
             return self.calibration
-        is_demo = viewer_kind(options.viewer) == "demo" and self.viewer.field.name in NAMES
+        return None
+
+    @property
+    def _shows_demo(self) -> bool:
+        """Whether a recorded face moves a demo, and nobody has said that this is all right."""
+        options = self.context.options
         can_choose = isinstance(options.display, Window) and not options.lock_code
-        return Page(lambda: RECORDED_FACE, stays=True) if is_demo and can_choose else None
+        is_demo = viewer_kind(options.viewer) == "demo" and self.viewer.field.name in NAMES
+        return can_choose and is_demo and not self.dismissed and self.page is None
 
     def serve(self) -> None:
         """Handles the events since the last call and updates the overlay."""
@@ -132,7 +144,7 @@ class Ui:
                 self._do(event)
             self._set_overlay(t_ns)  # the next key may be for the page that this one opened
         for error in self.files.serve():
-            self.scenes.refuse(error.message, error.remedy)
+            self.notices.show("refused", for_window(error.message, error.remedy), ASKED_NS)
         self.pass_on_notices()
         # a larger picture has larger parallax
         if self.viewer.set_width(self._display.width_mm()):
@@ -151,7 +163,7 @@ class Ui:
         if self.page is self.glasses_test:
             return self.page.overlay(now_ns()).lines[0]
         newest = self.notices.newest
-        return "" if newest is before or newest is None else newest[0]
+        return "" if newest is before or newest is None else newest.text
 
     def _do(self, event: Event) -> None:
         self.presenter.redraw()
@@ -166,20 +178,22 @@ class Ui:
         """Handles the answer to a request of the window."""
         if answer.cmd == "set":
             self.settings.answered()
-        if answer.cmd == "load" or not answer.ok:
+        if answer.cmd == "record":
+            self.recording.answered()
+        if answer.cmd == "load":
             self.scenes.handle(answer)
+        if not answer.ok and not answer.values.get("replaced"):
+            text = for_window(answer.error, answer.remedy)
+            way_out = (USE_MOUSE,) * (answer.cmd == "viewer")
+            self.notices.show("refused", text, ASKED_NS, way_out)
         elif answer.cmd == "viewer":
             who = viewer_name(self.context.options.viewer)
-            self.notices.show("viewer", LOOKING.get(who, f"viewer: {who}"))
+            self.notices.show("viewer", LOOKING.get(who, f"Viewer: {who}"))
         elif answer.cmd == "keep":
             self.calibration.stored()
 
     def open_page(self, page: Page) -> None:
         """Opens a page instead of the current one; closes it if it is open."""
-        options = self.context.options
-        if page is self.scene_page and len(options.playlist) < 2 and not options.start:
-            self.notices.show("scene", NO_OTHER)
-            return
         before = self.page
         self.close_page()
         if page is not before:
@@ -206,16 +220,17 @@ class Ui:
         if self._waiting is not None and self.page is None:
             self.open_page(self._waiting)
         standing = [
-            self.scenes.status(),
+            Notice(self.scenes.status()),
             *standing_notices(self.context, self._display.knows_rows),
+            *[RECORDED_FACE] * self._shows_demo,
         ]
         page = self.page.overlay(t_ns) if self.page else Overlay()
         if self.context.options.lock_code:
-            standing.append(self.viewer.field.name)
-            page = NEXT if len(self.context.options.playlist) > 1 else page
+            page = self._caption(standing)
+            standing = []
         overlay = attrs.evolve(
             page,
-            notices=self.notices.lines(t_ns, standing),
+            notices=self.notices.current(t_ns, standing),
             scene=self.viewer.field.name,
             step=self.scenes.working,
             progress=self.scenes.progress,
@@ -228,23 +243,34 @@ class Ui:
             self.presenter.changed_ns = t_ns
         self._display.overlay(overlay)
 
+    def _caption(self, standing: list[Notice]) -> Overlay:
+        """What visitors see in a locked window."""
+        options = self.context.options
+        title, text = self.scenes.caption(self.viewer.field.name)
+        several = len(options.playlist) > 1
+        return Overlay(
+            caption=(title, text, *(notice.text for notice in standing)),
+            items=TURNS if several else (),
+            elapsed=self.scenes.elapsed if several and options.every_s else None,
+        )
+
     def _bar(self) -> tuple[Item, ...]:
         options = self.context.options
-        field = self.viewer.field
         if options.lock_code:
             return ()
-        without = set() if len(options.playlist) > 1 or options.start else {"choose"}
+        without = {}
         if not options.viewer.tracked:
-            without.add("record")
-        if not is_measurable(options.viewer):
-            without.add("calibrate")
-        if field.rows * field.cols == 1:
-            without |= {DEPTH, "invert-depth", "recentre", "which"}
+            without["record"] = "needs a camera"
+        if viewer_kind(options.viewer) != "camera":
+            without["calibrate"] = "needs a camera"
+        if self.viewer.field.rows * self.viewer.field.cols == 1:
+            flat = (DEPTH, "invert-depth", "recentre", "which")
+            without |= dict.fromkeys(flat, "the scene is one view")
         return bar_items(
             self.context.config.render.depth,
             bool(options.record),
             self.context.paused,
-            frozenset(without),
+            tuple(without.items()),
         )
 
 
@@ -257,7 +283,7 @@ ALPHA_FACTOR = 1.1  # hardly visible at once, twice the parallax in seven steps
 
 def _recentre(ui: Ui, _event: Event) -> None:
     ui.context.request("recentre")
-    ui.notices.show("centre", "centred where you are")
+    ui.notices.show("centre", "Centred where you are")
 
 
 def _pause(ui: Ui, _event: Event) -> None:
@@ -269,8 +295,17 @@ def _load(ui: Ui, event: Event) -> None:
     if event.text:
         ui.scenes.load(Path(event.text).absolute())
     else:
-        text = "the file name cannot be read: rename it to plain letters, then drop it again"
+        text = "The file's name cannot be read: rename it to plain letters, then drop it again"
         ui.notices.show("scene", text, 2 * SHOWN_NS)
+
+
+def _show_one(ui: Ui, event: Event) -> None:
+    """Shows one picture of a folder."""
+    ui.context.request("load", scene=event.text, layout="picture")
+
+
+def _dismiss(ui: Ui, _event: Event) -> None:
+    ui.dismissed = True
 
 
 def _wear(ui: Ui, event: Event) -> None:
@@ -287,7 +322,7 @@ def _look(ui: Ui, event: Event) -> None:
     ui.close_page()
     own = ui.context.config.camera.source
     camera = "" if own.startswith("demo") or own == "mouse" else own
-    ui.notices.show("viewer", f"starting: {VIEWERS[event.text].lower()}")
+    ui.notices.show("viewer", f"Starting: {VIEWERS[event.text].lower()} ...")
     ui.context.request("viewer", source=camera if event.text == "camera" else event.text)
 
 
@@ -295,7 +330,7 @@ def _calibrate(ui: Ui, event: Event) -> None:
     """Opens the page, or closes it. With a distance as its value, it opens it there."""
     options = ui.context.options
     if not is_measurable(options.viewer) or not isinstance(options.display, Window):
-        ui.notices.show("calibrate", "no camera is in use: press v to choose one")
+        ui.notices.show("calibrate", "No camera is in use", ASKED_NS, (USE_CAMERA,))
         return
     if event.value:
         ui.close_page()
@@ -309,9 +344,11 @@ def _save_picture(ui: Ui, _event: Event) -> None:
         path = user_folder(platformdirs.user_pictures_path()) / time.strftime(
             "lfpipe-%Y%m%d-%H%M%S.png"
         )
-        text = save(path, picture) or f"picture saved as {path}"
-        ui.context.notify(text)
-        ui.notices.show("picture", text)
+        failed = save(path, picture)
+        ui.context.notify(failed or f"picture saved as {path}")
+        ui.notices.show(
+            "picture", for_window(failed) if failed else f"Picture saved: {short(path)}"
+        )
 
 
 ACTIONS: Mapping[str, Action] = {
@@ -330,6 +367,7 @@ ACTIONS: Mapping[str, Action] = {
     "glasses": lambda ui, _: ui.open_page(ui.glasses_test),
     "calibrate": _calibrate,
     "close": lambda ui, _: ui.close_page(),
+    "dismiss": _dismiss,
     # settings
     "mode": lambda ui, _: ui.settings.next_mode(),
     "depth+": lambda ui, _: ui.settings.move_zero_plane(1),
@@ -345,6 +383,7 @@ ACTIONS: Mapping[str, Action] = {
     GHOST: lambda ui, event: ui.settings.set(ghost_compensation=round(100 * event.value)),
     # scenes and recordings
     "load": _load,
+    "show-one": _show_one,
     **dict.fromkeys(("next", "more"), lambda ui, _: ui.scenes.step(1)),
     **dict.fromkeys(("previous", "less"), lambda ui, _: ui.scenes.step(-1)),
     "record": lambda ui, _: ui.recording.toggle(),

@@ -23,62 +23,84 @@ class Key:
 DEPTH = "depth"  # the slider of the bar: 0 for comfort to 1 for true depth
 GROUPS = {
     "Scene": (
-        Key("Tab", "choose", "choose a scene", "Scenes"),
-        Key("l", "open", "open folder or file", "Open"),
-        Key("PgDn PgUp", "next previous", "next, previous"),
+        Key("Tab", "choose", "Choose a scene", "Scenes"),
+        Key("l", "open", "Open a folder or file", "Open"),
+        Key("PgDn PgUp", "next previous", "Next, previous (→ ←)"),
     ),
     "View": (
-        Key("e", "which", "choose your glasses", "Glasses"),
-        Key("v", "who", "choose who looks", "Viewer"),
-        Key("+ -", "alpha+ alpha-", "more, less parallax", "Depth"),
-        Key("d", "invert-depth", "swap near and far", "Near/far"),
-        Key("k", "calibrate", "calibrate camera", "Calibrate"),
-        Key("c", "recentre", "centre on you", "Centre"),
-        Key("p", "freeze", "pause, resume", "Pause|Resume"),
-        Key("f", "fullscreen", "full screen", "Full screen"),
-        Key("] [", "depth+ depth-", "scene back, forward"),
-        Key("a", "automatic", "automatic depth"),
-        Key("m", "mode", "next colour mode"),
-        Key("g", "glasses", "test the glasses"),
-        Key("x", "swap", "swap the eyes"),
+        Key("e", "which", "Choose your glasses", "Glasses"),
+        Key("v", "who", "Camera, mouse or recorded face", "Viewer"),
+        Key("+ -", "alpha+ alpha-", "More, less depth", "Depth"),
+        Key("d", "invert-depth", "Swap near and far", "Near/far"),
+        Key("k", "calibrate", "Calibrate the camera", "Calibrate"),
+        Key("c", "recentre", "Centre on you", "Centre"),
+        Key("p", "freeze", "Pause, resume (Space)", "Pause|Resume"),
+        Key("f", "fullscreen", "Full screen (F11)", "Full screen"),
+        Key("] [", "depth+ depth-", "Scene back, forward"),
+        Key("a", "automatic", "Automatic depth"),
+        Key("m", "mode", "Next colour mode"),
+        Key("g", "glasses", "Test the glasses"),
+        Key("x", "swap", "Swap the eyes"),
     ),
     "Record": (
-        Key("r", "record", "record the camera", "Record|Stop"),
-        Key("s", "screenshot", "save the picture", "Save"),
+        Key("r", "record", "Record the camera", "Record|Stop"),
+        Key("s", "screenshot", "Save the picture", "Save"),
     ),
     "Help": (
-        Key("o", "overlay", "rates and latency", "Metrics"),
-        Key("h", "help", "these keys", "Help"),
-        Key("q", "quit", "quit"),
+        Key("o", "overlay", "Rates and latency", "Metrics"),
+        Key("h", "help", "This page", "Help"),
+        Key("q", "quit", "Quit"),
     ),
 }
+MOUSE = ("Mouse", "Wheel\tZoom", "Drag\tMove the zoomed picture", "Double\tClick: whole picture")
 KEYS = tuple(row for rows in GROUPS.values() for row in rows)
 ACTION_OF = {
     key: action
     for row in KEYS
     for key, action in zip(row.keys.split(), row.actions.split(), strict=True)
 }
-HELP = tuple(
-    line
-    for group, rows in GROUPS.items()
-    for line in (group, *(f"{row.keys}\t{row.help}" for row in rows), "")
-)[:-1]
+HELP = (
+    *(
+        line
+        for group, rows in GROUPS.items()
+        for line in (group, *(f"{row.keys}\t{row.help}" for row in rows), "")
+    ),
+    *MOUSE,
+)
 CLOSE = Item("×", Event("close"))
 # of the bar's entries: row, group and its labels
 _EVENTS = {row: DEPTH if row.label == "Depth" else row.actions for row in KEYS if row.label}
-TIPS = {event: row.help for row, event in _EVENTS.items()} | {DEPTH: "from comfort to true depth"}
 GROUP_OF = {_EVENTS[row]: group for group, rows in GROUPS.items() for row in rows if row.label}
 LABELS = {event: tuple(row.label.split("|")) for row, event in _EVENTS.items()}
+USED = (  # the bar's entries, the most used first: theirs are the last words to go
+    "choose",
+    "open",
+    "which",
+    "help",
+    "freeze",
+    "record",
+    DEPTH,
+    "who",
+    "recentre",
+    "fullscreen",
+    "screenshot",
+    "calibrate",
+    "invert-depth",
+    "overlay",
+)
 # entries of the bar that close a page; the others open another one
 CLOSING = set(LABELS) - {"choose", "open", "which", "who", "calibrate", "help", "overlay"}
 
 
 @lru_cache(2)
 def bar_items(
-    depth: float, recording: bool, paused: bool, without: frozenset[str]
+    depth: float, recording: bool, paused: bool, without: tuple[tuple[str, str], ...] = ()
 ) -> tuple[Item, ...]:
-    """The bar. depth: position of the slider. without: actions that the session does not have."""
+    """The bar. depth: position of the slider. without: actions that the session does not have, and
+    why.
+    """
     second = {"record": recording, "freeze": paused}
+    off = dict(without)
     return tuple(
         Item(
             LABELS[event][second.get(event, False)],
@@ -86,7 +108,8 @@ def bar_items(
             "" if event == DEPTH else row.keys,
             slider=depth if event == DEPTH else None,
             warns=event == "record" and recording,
-            off=event in without,
+            off=event in off,
+            more=off.get(event, ""),
         )
         for row, event in _EVENTS.items()
     )

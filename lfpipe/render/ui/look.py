@@ -10,13 +10,15 @@ from functools import lru_cache
 import attrs
 
 from lfpipe.render.display.display import NO_EVENT, Event
-from lfpipe.render.display.window_system import pygame
+from lfpipe.render.display.window_system import pygame, written
 
 Colour = tuple[int, int, int] | tuple[int, int, int, int]
 Place = tuple[int, int]
 TEXT = (255, 255, 255)
 SECOND = (180, 190, 201)
-OFF = (110, 118, 128)
+OFF = (124, 132, 142)
+DARK = (9, 22, 26)  # letters on ACCENT
+AMBER = (255, 196, 84)
 ACCENT = (53, 196, 215)
 RED = (255, 90, 90)
 PANEL = (18, 21, 26, 232)  # over white, second text still has 7 : 1
@@ -26,6 +28,7 @@ HOVERED = (56, 61, 68, 242)
 PRESSED = (24, 74, 84, 246)
 UNIT_SHARE = 0.35  # of the letters' size: 8 px at 1080p
 CONTROL_UNITS = 6  # height of a control: a finger hits it
+ICON_PX = 24  # from here on, the lines of an icon get no wider
 
 
 @attrs.frozen
@@ -62,7 +65,7 @@ def draw_card(
     focused: bool = False,
     plain: Colour | None = CARD,
 ) -> None:
-    """The back of an item in its state. plain: without any."""
+    """The back of an item in its state. plain: of one without any."""
     colour = plain
     if lit:
         colour = PRESSED if pressed else HOVERED
@@ -72,10 +75,10 @@ def draw_card(
         pygame.draw.rect(surface, ACCENT, rect, max(2, unit // 4), border_radius=unit)
 
 
-def badge(key: str, letters: pygame.font.Font, unit: int) -> pygame.Surface:
+def badge(key: str, text_px: int, unit: int) -> pygame.Surface:
     """A key, or several that are separated by spaces."""
-    words = [letters.render(name, True, TEXT) for name in key.split()]
-    side = letters.get_linesize() + unit // 2
+    words = [written(name, text_px, TEXT) for name in key.split()]
+    side = words[0].get_height() + unit // 2
     widths = [max(side, word.get_width() + unit) for word in words]
     surface = pygame.Surface((sum(widths) + unit // 2 * (len(words) - 1), side), pygame.SRCALPHA)
     x = 0
@@ -90,7 +93,7 @@ def badge(key: str, letters: pygame.font.Font, unit: int) -> pygame.Surface:
 
 SVG = (
     '<svg xmlns="http://www.w3.org/2000/svg" width="{0}" height="{0}" viewBox="0 0 24 24"'
-    ' stroke="rgb{1}" fill="none" stroke-width="2" stroke-linecap="round"'
+    ' stroke="rgb{1}" fill="none" stroke-width="{3}" stroke-linecap="round"'
     ' stroke-linejoin="round">{2}</svg>'
 )
 _FOLDER = '<path d="M3 7a2 2 0 0 1 2-2h4l2 2h8a2 2 0 0 1 2 2v8a2 2 0 0 1-2 2H5a2 2 0 0 1-2-2z"/>'
@@ -116,7 +119,7 @@ ICONS = {  # event, or the kind of viewer -> drawing
     "invert-depth": '<path d="M7 4v14M4 15l3 3 3-3M17 20V6M14 9l3-3 3 3"/>',
     "recentre": '<circle cx="12" cy="12" r="3"/><path d="M12 2v4M12 18v4M2 12h4M18 12h4"/>',
     "freeze": '<path d="M9 5v14M15 5v14"/>',
-    "record": '<circle cx="12" cy="12" r="6"/>',
+    "record": '<circle cx="12" cy="12" r="8"/><circle cx="12" cy="12" r="3"/>',
     "screenshot": '<rect x="3" y="6" width="18" height="13" rx="2"/>'
     '<circle cx="12" cy="12.5" r="3.5"/><path d="M8 6l1.5-2h5L16 6"/>',
     "fullscreen": '<path d="M4 9V4h5M20 9V4h-5M4 15v5h5M20 15v5h-5"/>',
@@ -128,6 +131,6 @@ ICONS = {  # event, or the kind of viewer -> drawing
 
 @lru_cache(64)
 def icon(event: str, size_px: int, colour: Colour) -> pygame.Surface:
-    """The icon of an event."""
-    svg = SVG.format(size_px, colour[:3], ICONS[event])
+    """The icon of an event; its lines are equally wide at all sizes."""
+    svg = SVG.format(size_px, colour[:3], ICONS[event], 2 * min(1, ICON_PX / size_px))
     return pygame.image.load(io.BytesIO(svg.encode()), "icon.svg")

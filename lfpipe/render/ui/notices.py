@@ -1,6 +1,7 @@
 """Notices over the picture, and the lines of key o: rates, latency, depth and the views on show."""
 
 import re
+from collections.abc import Iterable, Iterator
 from functools import partial
 from pathlib import Path
 
@@ -8,7 +9,8 @@ from lfpipe.config import Render
 from lfpipe.config.modes import CameraViewer, MouseViewer, NoViewer, Window
 from lfpipe.config.modes import Viewer as ViewerKind
 from lfpipe.config.quality import level_number
-from lfpipe.notices import latency_lines, notices
+from lfpipe.notices import notices
+from lfpipe.render.display.display import Event, Item, Notice
 from lfpipe.render.synthesis.viewpoint import zero_plane_px
 from lfpipe.render.ui.files import Files
 from lfpipe.render.viewer.viewer import Viewer
@@ -20,11 +22,26 @@ from lfpipe.transport.histogram import summary_ms
 from lfpipe.transport.status import State, rate_hz
 
 COMMAND = re.compile(r"`|--|lfpipe |\b[a-z]+\.[a-z_]+=|/")  # of a terminal
+LONG_MS, CAMERA_HZ = 150.0, 30.0  # full bars
 SHOWN_NS = 2 * SECOND_NS  # reading a line takes 1 s
-ASKED_NS = 8 * SECOND_NS  # how long the question about depth stays
-DRAG = "put on the glasses, and drag over the picture to look around"
-INVITATION = "put on the glasses and stand in front of the screen"
-ROWS_UNKNOWN = "Wayland hides the position of this window: press f, or the eyes may be swapped"
+ASKED_NS = 8 * SECOND_NS  # how long a question stays
+DRAG = "Put on the glasses, and drag over the picture to look around"
+INVITATION = "Put on the glasses and stand in front of the screen"
+USE_CAMERA = Item("Use my camera", Event("look", "camera"), main=True)
+USE_MOUSE = Item("Use the mouse", Event("look", "mouse"))
+RECORDED_FACE = Notice(
+    "A recorded face moves this picture.",
+    (
+        USE_CAMERA,
+        USE_MOUSE,
+        Item("×", Event("dismiss")),
+    ),
+)
+ROWS_UNKNOWN = Notice(
+    "The eyes may be swapped in a window.", (Item("Full screen", Event("fullscreen")),)
+)
+PAUSED = "Paused: p or Space resumes"
+INVERTED = Item("Swap near and far", Event("invert-depth"), "d")
 GLASSES = {  # value of render.anaglyph -> its glasses
     "dubois": "red/cyan glasses",
     "colour": "red/cyan glasses, full colours",
@@ -39,7 +56,7 @@ GLASSES = {  # value of render.anaglyph -> its glasses
 }
 
 
-VIEWERS = {"camera": "My camera", "mouse": "Mouse", "demo": "Recorded face"}
+VIEWERS = {"camera": "Camera", "mouse": "Mouse", "demo": "Recorded face"}
 
 
 def viewer_kind(viewer: ViewerKind) -> str:
@@ -59,65 +76,77 @@ def viewer_name(viewer: ViewerKind) -> str:
     return VIEWERS.get(viewer_kind(viewer), "")
 
 
+def sentence(text: str) -> str:
+    """Text that begins with a capital letter."""
+    return text[:1].upper() + text[1:]
+
+
+def short(path: Path) -> str:
+    """A path for people."""
+    return str(path).replace(str(Path.home()), "~")
+
+
 class Notices:
     """Notices for a time, by subject: a new one replaces the previous one of its subject."""
 
     def __init__(self) -> None:
-        self._passing: dict[str, tuple[str, int]] = {}  # subject -> (text, end)
+        self._passing: dict[str, tuple[Notice, int]] = {}  # subject -> (notice, end)
 
-    def show(self, subject: str, text: str, shown_ns: int = SHOWN_NS) -> None:
-        """Shows text for shown_ns."""
+    def show(
+        self, subject: str, text: str, shown_ns: int = SHOWN_NS, items: tuple[Item, ...] = ()
+    ) -> None:
+        """Shows text, and what can be done about it, for shown_ns."""
         self._passing.pop(subject, None)  # the newest comes last
-        self._passing[subject] = text, now_ns() + shown_ns
+        self._passing[subject] = Notice(text, items), now_ns() + shown_ns
+
+    def dismiss(self) -> None:
+        """Ends all of them."""
+        self._passing.clear()
 
     @property
-    def newest(self) -> tuple[str, int] | None:
-        """The last one that was shown, and its end."""
-        return next(reversed(self._passing.values()), None)
+    def newest(self) -> Notice | None:
+        """The last one that was shown."""
+        return next((notice for notice, _ in reversed(self._passing.values())), None)
 
-    def lines(self, t_ns: int, standing: list[str]) -> tuple[str, ...]:
-        """The lines to show at t_ns. standing: those that stay while they are true."""
-        passing = [text for text, end_ns in self._passing.values() if end_ns > t_ns]
-        return tuple(dict.fromkeys(filter(None, (*passing, *standing))))
+    def current(self, t_ns: int, standing: Iterable[Notice]) -> tuple[Notice, ...]:
+        """The notices at t_ns. standing: those that stay while they are true."""
+        passing = [notice for notice, end_ns in self._passing.values() if end_ns > t_ns]
+        return tuple(dict.fromkeys(notice for notice in (*passing, *standing) if notice.text))
 
 
-def for_window(error: str, remedy: str) -> str:
+def for_window(error: str, remedy: str = "") -> str:
     """An error and its remedy in the window: without paths and commands of a terminal."""
-    text, *_ = error.replace(str(Path.home()), "~").splitlines()
-    if text.startswith(("/", "~")):
+    text, *_ = error.splitlines()
+    if text.startswith("/"):
         path, _, text = text.partition(": ")
         text = f"{Path(path).name}: {text}"
     else:
-        text = f"{text[:1].upper()}{text[1:]}"
-    return f"{text}." if COMMAND.search(remedy) else f"{text}: {remedy}.".replace(": .", ".")
+        text = sentence(text)
+    return f"{text}." if not remedy or COMMAND.search(remedy) else f"{text}: {remedy}."
 
 
-def status_lines(context: Context, viewer: Viewer) -> tuple[str, ...]:
+def metrics(context: Context, viewer: Viewer) -> tuple[str, ...]:
     """The current state of the session, for the overlay; `lfpipe monitor` has more."""
     own, source = (context.table.rows[name] for name in (context.spec.name, context.spec.source))
-    field = viewer.field
-    render = context.config.render
-    views = viewer.last_viewpoints
-    alpha = f"alpha {viewer.parallax.alpha_px:.1f} px/view" if viewer.parallax else "no face yet"
-    has_camera = source["state"] != State.NONE
-    camera = f"camera {rate_hz(source):5.1f} Hz" if has_camera else "no camera"
-    lines = [
-        f"{camera}   pictures {rate_hz(own):5.1f} Hz",
-        *latency_lines(
-            summary_ms(own["age"]),
-            summary_ms(context.row.histograms["prediction"].record),
-            bool(context.row["planned"]),
-        ),
-        (
-            f"{viewer.method}, {render.anaglyph}, {alpha}, zero plane"
-            f" {zero_plane_px(field, render):+.2f} px/view"
-        ),
+    config, field, views = context.config, viewer.field, viewer.last_viewpoints
+    age = summary_ms(own["age"])
+    ahead = summary_ms(context.row.histograms["prediction"].record)
+    rates = [("Pictures", rate_hz(own), config.render.nominal_hz)]
+    if source["state"] != State.NONE:
+        rates.append(("Camera", rate_hz(source), CAMERA_HZ))
+    times = [
+        ("Camera to screen", age["p50_ms"], age["n"]),
+        ("Worst 5 %", age["p95_ms"], age["n"]),
+        ("Predicted ahead", ahead["p50_ms"], ahead["n"]),
     ]
+    lines = ["Rate", *(f"{name}\t{hz:.0f} Hz\t{hz / full}" for name, hz, full in rates)]
+    lines += ["", "Latency"] * any(count for *_, count in times)
+    lines += [f"{name}\t{ms:.0f} ms\t{ms / LONG_MS}" for name, ms, count in times if count]
     if views:
-        lines.append(
-            f"row {views.left[0]:.1f}, columns {views.left[1]:.1f} and {views.right[1]:.1f} of"
-            f" {field.rows}x{field.cols} views"
-        )
+        places = ("Left eye", views.left[1]), ("Right eye", views.right[1])
+        last = max(1, field.cols - 1)
+        lines += ["", f"Place among {field.cols} columns of views"]
+        lines += [f"{name}\t{col + 1:.1f}\t{col / last}" for name, col in places]
     return tuple(lines)
 
 
@@ -127,14 +156,14 @@ def changes(before: Render, now: Render, alpha_px: float, plane_px: float) -> di
     alpha_px, plane_px: the previous values, for a setting that was "auto".
     """
     words = {
-        "depth": f"depth: {now.depth:.0%} of the way from comfort to true",
-        "anaglyph": f"colours for {GLASSES[now.anaglyph]}",
-        "zero_plane_px": "depth: the scene moves "
-        + _direction(now.zero_plane_px, plane_px, "back", "forward"),
-        "alpha_px": f"parallax: {_direction(now.alpha_px, alpha_px, 'more', 'less')}",
-        "method": f"views: {now.method}",
-        "swap_eyes": f"eyes: {'swapped' if now.swap_eyes else 'not swapped'}",
-        "ghost_compensation": f"ghost compensation: {now.ghost_compensation:.0f} %",
+        "depth": f"Depth {now.depth:.0%}: 0 % is comfortable, 100 % true",
+        "anaglyph": f"For {GLASSES[now.anaglyph]}" if now.anaglyph != "mono" else "No glasses",
+        "zero_plane_px": "Scene "
+        + _direction(now.zero_plane_px, plane_px, "further back", "further forward"),
+        "alpha_px": f"Parallax: {_direction(now.alpha_px, alpha_px, 'more', 'less')}",
+        "method": f"Views: {now.method}",
+        "swap_eyes": "Eyes swapped" if now.swap_eyes else "Eyes not swapped",
+        "ghost_compensation": f"Ghosts {now.ghost_compensation:.0f} %",
     }
     return {
         name: text for name, text in words.items() if getattr(before, name) != getattr(now, name)
@@ -143,7 +172,7 @@ def changes(before: Render, now: Render, alpha_px: float, plane_px: float) -> di
 
 def _direction(value: float | str, before: float, up: str, down: str) -> str:
     if isinstance(value, str):
-        return "automatically"
+        return "automatic"
     return up if value > before else down
 
 
@@ -174,14 +203,14 @@ class ChangeNotices:
             self._alpha_px = self._viewer.parallax.alpha_px
         level = level_number(self._context.options)
         if level and not self._level:
-            self._shown.show("quality", "CPU overloaded: picture quality reduced")
+            self._shown.show("quality", "Busy computer: picture quality reduced")
         self._level = level
         is_new = field.name != self._scene
         if is_new:
             self._shown.show("scene", field.name)
             self.show_doubts()
         elif field.depth_inverted != self._inverted:
-            self._shown.show("depth order", "depth is inverted: press d to undo")
+            self._shown.show("depth order", "Near and far swapped")
         self._scene, self._inverted = field.name, field.depth_inverted
         return is_new
 
@@ -193,25 +222,28 @@ class ChangeNotices:
         field = self._viewer.field
         on_screen = isinstance(options.display, Window) and not options.lock_code
         if on_screen and HARDLY_FIT in field.manifest.notes:
-            self._shown.show("views", HARDLY_FIT, ASKED_NS)
+            count = field.rows * field.cols
+            one = Item("Show one", Event("show-one", field.manifest.source))
+            self._shown.show(
+                "views", f"These {count} pictures hardly fit together.", ASKED_NS, (one,)
+            )
         if on_screen and undecided(field, self._context.config.scene.invert_depth):
-            self._shown.show("depth order", "press d if the depth looks inverted", ASKED_NS)
+            self._shown.show("depth order", "Does the depth look inverted?", ASKED_NS, (INVERTED,))
             self._files.do(partial(remember, field, "asked"))
 
 
-def standing_notices(context: Context, knows_rows: bool) -> list[str]:
+def standing_notices(context: Context, knows_rows: bool) -> Iterator[Notice]:
     """The notices that stay while their condition lasts. knows_rows: of the display."""
-    lines = []
-    if context.config.render.anaglyph == "row-interleaved" and not knows_rows:
-        lines.append(ROWS_UNKNOWN)
     is_locked = bool(context.options.lock_code)
+    if context.config.render.anaglyph == "row-interleaved" and not knows_rows and not is_locked:
+        yield ROWS_UNKNOWN
     if context.paused:
-        lines.append("paused" if is_locked else "paused: press p or space to resume")
+        yield Notice("Paused" if is_locked else PAUSED)
     t_face_ns = context.row["t_face_ns"]
     rows, source = context.table.rows, context.spec.source
     frames = context.table.metrics[source].read(rows[source])
     current = notices(rows, source, context.spec.name, t_face_ns, frames)
     if current and is_locked:  # notices are for the operator
-        is_alone = any(notice.nobody for notice in current)
-        return [*lines, INVITATION if is_alone else DRAG]
-    return [*lines, *(notice.text for notice in current)]
+        yield Notice(INVITATION if any(notice.nobody for notice in current) else DRAG)
+    else:
+        yield from (Notice(sentence(notice.text)) for notice in current)

@@ -12,19 +12,24 @@ from functools import lru_cache
 
 import attrs
 import cv2
+import numpy as np
+from numpy.typing import NDArray
 
 from lfpipe.files.decoding import fit_area
-from lfpipe.render.display.display import NO_EVENT, Event, Item, Menu, Overlay
+from lfpipe.render.display.display import NO_EVENT, Event, Item, Menu, Notice, Overlay
 from lfpipe.render.display.painters import Panel
-from lfpipe.render.display.window_system import drawable, font, pygame
-from lfpipe.render.ui.keys import ACTION_OF, CLOSE, GROUP_OF, LABELS, TIPS
+from lfpipe.render.display.window_system import drawable, font, pygame, written
+from lfpipe.render.ui.keys import ACTION_OF, CLOSE, GROUP_OF, LABELS, USED
 from lfpipe.render.ui.look import (
     ACCENT,
+    AMBER,
     BORDER,
     CARD,
     CONTROL_UNITS,
+    DARK,
     NO_HIGHLIGHT,
     OFF,
+    PRESSED,
     RED,
     SECOND,
     TEXT,
@@ -36,9 +41,10 @@ from lfpipe.render.ui.look import (
     panel_surface,
     unit_px,
 )
+from lfpipe.render.ui.notices import VIEWERS
 
 Cell = tuple[Item, pygame.Rect]
-BAR_S = 3.0  # how long the bar stays: time to read its entries
+BAR_S = 3.0  # how long the bar stays once the pointer has left it: time to read its entries
 REST_S = 0.5  # people who look around with the mouse pause for less
 BAR_EDGE = 0.1  # of the height: pointer motion there shows the bar at once
 KEY_ACTIONS = ACTION_OF | {
@@ -55,23 +61,27 @@ KEY_ACTIONS = ACTION_OF | {
     "pageup": "previous",
 }
 DIGITS = frozenset(string.digits)
+# keys in a menu: onwards or back
+MOVES = {"left": -1, "right": 1, "up": -1, "down": 1, "pageup": -1, "pagedown": 1}
 TURNS = Item("◀", Event("pageup")), Item("▶", Event("pagedown"))  # to other pages, as the keys do
 PRESSED_OR_NOT = (pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP)
-EDGE_PX = 12  # from the window's edge
-GAP_PX = 4  # between two notices
+EDGE_PX = 16  # from the window's edge
+GAP_PX = 8  # between two panels
 MIN_TEXT_PX = 16  # of a line: its letters have 12 px, which are still legible
 MIN_MENU_PX = 12  # of a menu in a window below 450 px, where every item must be reachable
 COLUMN_UNITS = 4  # between two columns of text
 COLUMN_LETTERS = 6  # least width of a column over the height of its lines: two words
 # of the window that lines of text may take: the picture below stays visible
 TEXT_SHARE = 0.94
-HEADING = 1.25  # size of a heading over that of its text
+HEADING = 1.25  # size of a title over that of its text
 SLIDER_CELLS = 2  # width of a slider over that of an entry: a pixel is about a percent
-# Of the window, at most; cells across, at most, and their least size in lines of text: a picture
-# says more than its label.
-MENU_SHARE, MENU_COLS, CELL_LINES = 0.92, 5, 5
-CELL_SHAPE = 0.75  # height over width of a cell's picture, at most: most cameras' views fill it
+# Of the window, a menu at most; over the size of its letters, the least width of a tile, the width
+# of a menu of rows, and that of a bar of a value
+MENU_SHARE, TILE_LETTERS, ROW_LETTERS, VALUE_LETTERS = 0.92, 9, 26, 8
+TILE_SHAPE = 0.75  # height over width of a tile's picture: most cameras' views fill it
 CHIP_LETTERS = 12  # width of a progress over the size of letters: "measuring depth, 100 %" fits
+SMALL = 4  # over the height of the chips: below it, pages lie over them
+CAPTION = 1.6  # letters of a caption over others: visitors stand two metres away
 
 
 @attrs.frozen(eq=False, kw_only=True)
@@ -80,10 +90,12 @@ class ItemPanel(Panel):
 
     cells: list[Cell] = attrs.field(factory=list)
     """Items with their rectangles on the surface."""
-    cols: int = 1
-    """Columns of a menu."""
+    places: dict[int, pygame.Rect] = attrs.field(factory=dict)
+    """Of a menu, the rectangles of its items by number."""
     page: int = 1
-    """Items of a menu, or lines of text, on one page."""
+    """Lines of text on one page."""
+    bare: frozenset[str] = frozenset()
+    """Names of a bar's entries without words."""
 
     def cell(self, place: Place) -> Cell | None:
         """The item at a place of the window, and its rectangle in the window."""
@@ -139,22 +151,23 @@ def _cross(width: int, unit: int) -> Cell:
 
 def _draw_button(
     surface: pygame.Surface,
-    letters: pygame.font.Font,
+    text_px: int,
     item: Item,
     rect: pygame.Rect,
     lit: Highlight,
     unit: int,
 ) -> None:
     """A label with its key, or above its slider; without a back if it is a single letter."""
-    single = len(item.label) == 1
+    back = ACCENT if item.main and not item.off else CARD
     is_lit = item.event == lit.event and not item.off
-    draw_card(surface, rect, unit, is_lit, lit.pressed, plain=None if single else CARD)
-    label = letters.render(drawable(item.label), True, OFF if item.off else TEXT)
+    draw_card(surface, rect, unit, is_lit, lit.pressed, plain=back if len(item.label) > 1 else None)
+    colour = DARK if back == ACCENT and not is_lit else TEXT
+    label = written(item.label, text_px, OFF if item.off else colour, item.main)
     if item.slider is not None:
         surface.blit(label, label.get_rect(midtop=(rect.centerx, rect.top + unit // 2)))
         _draw_slider(surface, item, rect, rect.bottom - 3 * unit // 2, unit)
         return
-    key = badge(item.key, letters, unit) if item.key else None
+    key = badge(item.key, text_px, unit) if item.key else None
     wide = label.get_width() + (key.get_width() + unit if key else 0)
     place = label.get_rect(midleft=(rect.centerx - wide // 2, rect.centery))
     surface.blit(label, place)
@@ -162,44 +175,49 @@ def _draw_button(
         surface.blit(key, key.get_rect(midleft=(place.right + unit, rect.centery)))
 
 
-def _button_px(item: Item, letters: pygame.font.Font, unit: int) -> int:
+def _button_px(item: Item, text_px: int, unit: int) -> int:
     """The width of a button."""
-    key = badge(item.key, letters, unit).get_width() + unit if item.key else 0
-    return max(letters.size(item.label)[0] + key + 3 * unit, 18 * unit * (item.slider is not None))
+    key = badge(item.key, text_px, unit).get_width() + unit if item.key else 0
+    label = font(text_px, item.main).size(item.label)[0]
+    return max(label + key + 4 * unit, 18 * unit * (item.slider is not None))
 
 
-# The bar: icons beside their labels, over them, or alone, the first that fits.
-BESIDE, OVER, ALONE = range(3)
 ICON_SHARE = 0.6  # of the usual place of an icon, at least: still larger than a fingertip needs
 
 
-def _bar_px(item: Item, style: int, letters: pygame.font.Font, unit: int) -> int:
+def _bar_px(item: Item, worded: bool, beside: bool, text_px: int, unit: int) -> int:
     """The width of an entry in all its states."""
     side = CONTROL_UNITS * unit
-    label = max(letters.size(text)[0] for text in LABELS[item.event.name])
+    label = max(font(text_px).size(text)[0] for text in LABELS[item.event.name]) * worded
     if item.slider is not None:
-        return SLIDER_CELLS * side + unit if style == ALONE else max(3 * side, label)
-    return (label + 6 * unit, max(side, label + 2 * unit), side)[style]
+        return max(SLIDER_CELLS * side + unit, label)
+    return label + 6 * unit if beside else max(side, label + 2 * unit)
 
 
 @lru_cache(2)
 def bar_panel(items: tuple[Item, ...], lit: Highlight, window_px: Place, text_px: int) -> ItemPanel:
-    """The items at the bottom edge, in groups."""
+    """The items at the bottom edge, in groups: icons beside their words, else over them; words of
+    as many as fit, beginning with the most used ones.
+    """
     room = window_px[0] - 2 * EDGE_PX
-    letters = font(text_px)
     unit = unit_px(text_px)
     starts = [
         k > 0 and GROUP_OF[item.event.name] != GROUP_OF[items[k - 1].event.name]
         for k, item in enumerate(items)
     ]
-    for style in (BESIDE, OVER, ALONE):
-        widths = [_bar_px(item, style, letters, unit) for item in items]
-        rest = room - 2 * unit * (1 + sum(starts))
+    rest = room - 2 * unit * (1 + sum(starts))
+    for words in (USED, *(USED[:count] for count in range(len(USED), -1, -1))):
+        beside = words is USED
+        worded = [item.event.name in words for item in items]
+        widths = [
+            _bar_px(item, word, beside, text_px, unit)
+            for item, word in zip(items, worded, strict=True)
+        ]
         if sum(widths) <= rest:
             break
     squeezed = min(1.0, max(ICON_SHARE, rest / sum(widths)))
     widths = [int(squeezed * width) for width in widths]
-    side = int(squeezed * CONTROL_UNITS * unit) + (style == OVER) * unit
+    side = int(squeezed * CONTROL_UNITS * unit) + (any(worded) and not beside) * unit
     cells = list[Cell]()
     lines = list[pygame.Rect]()
     x = y = unit
@@ -215,19 +233,21 @@ def bar_panel(items: tuple[Item, ...], lit: Highlight, window_px: Place, text_px
     surface = panel_surface(width, y + side + unit, unit)
     for line in lines:
         surface.fill(BORDER, line)
-    for item, rect in cells:
-        _draw_entry(surface, letters, item, rect, lit, style, unit)
+    for (item, rect), word in zip(cells, worded, strict=True):
+        _draw_entry(surface, text_px, item, rect, lit, word, beside, unit)
     at = ((window_px[0] - width) // 2, window_px[1] - surface.get_height() - EDGE_PX)
-    return ItemPanel(surface=surface, at=at, cells=cells)
+    bare = frozenset(item.event.name for item in items) - set(words)
+    return ItemPanel(surface=surface, at=at, cells=cells, bare=bare)
 
 
 def _draw_entry(
     surface: pygame.Surface,
-    letters: pygame.font.Font,
+    text_px: int,
     item: Item,
     rect: pygame.Rect,
     lit: Highlight,
-    style: int,
+    worded: bool,
+    beside: bool,
     unit: int,
 ) -> None:
     """An entry of the bar: an icon or a slider, and its label."""
@@ -236,33 +256,58 @@ def _draw_entry(
     colour = RED if item.warns else TEXT
     if item.off:
         colour = OFF
-    label = letters.render(item.label, True, colour)
-    middle = rect.centery if style == ALONE else rect.top + 2 * unit
+    label = written(item.label * worded, text_px, colour)
+    is_over = worded and not (beside and item.slider is None)
+    middle = rect.top + 2 * unit if is_over else rect.centery
     if item.slider is not None:
         _draw_slider(surface, item, rect, middle, unit)
     else:
         drawing = icon(item.event.name, 11 * unit // 4, colour)
-        if style == BESIDE:
-            surface.blit(drawing, drawing.get_rect(midleft=(rect.left + unit, rect.centery)))
-            surface.blit(label, label.get_rect(midleft=(rect.left + 9 * unit // 2, rect.centery)))
-        else:
-            surface.blit(drawing, drawing.get_rect(center=(rect.centerx, middle)))
-    if style == OVER or (style == BESIDE and item.slider is not None):
+        left = rect.left + unit if beside else rect.centerx - drawing.get_width() // 2
+        surface.blit(drawing, drawing.get_rect(midleft=(left, middle)))
+    if is_over:
         surface.blit(label, label.get_rect(midbottom=(rect.centerx, rect.bottom - unit // 2)))
+    else:
+        surface.blit(label, label.get_rect(midleft=(rect.left + 9 * unit // 2, rect.centery)))
 
 
 @lru_cache(1)
 def tip_panel(item: Item, over: tuple[int, int], window_px: Place, text_px: int) -> ItemPanel:
-    """What an entry of the bar does, and its key. over: the middle of its upper edge."""
-    letters, unit = font(text_px), unit_px(text_px)
-    text = letters.render(f"{item.label}: {TIPS[item.event.name]}", True, TEXT)
-    key = badge(item.key, letters, unit) if item.key else pygame.Surface((0, 0))
-    width = text.get_width() + key.get_width() + 3 * unit
+    """The name of an entry of the bar and its key, or why it is off. over: the middle of its upper
+    edge.
+    """
+    unit = unit_px(text_px)
+    text = written(item.label + f": {item.more}" * item.off, text_px, TEXT)
+    parts = [text, *([badge(item.key, text_px, unit)] if item.key else [])]
+    width = sum(part.get_width() + 2 * unit for part in parts) + unit
     surface = panel_surface(width, 5 * unit, unit)
-    surface.blit(text, text.get_rect(midleft=(unit, surface.get_height() // 2)))
-    surface.blit(key, key.get_rect(midright=(width - unit, surface.get_height() // 2)))
+    x = 3 * unit // 2
+    for part in parts:
+        surface.blit(part, part.get_rect(midleft=(x, surface.get_height() // 2)))
+        x += part.get_width() + 2 * unit
     x = min(max(over[0] - width // 2, EDGE_PX), max(EDGE_PX, window_px[0] - EDGE_PX - width))
     return ItemPanel(surface=surface, at=(x, over[1] - surface.get_height() - unit))
+
+
+def _pages(
+    items: Sequence[Item], room_px: Place, row_px: int, tile_px: Place, unit: int
+) -> list[dict[int, pygame.Rect]]:
+    """The places of a menu's items on its pages, by number: rows of the whole width, and tiles
+    beside each other.
+    """
+    pages = list[dict[int, pygame.Rect]]([{}])
+    x = y = 0
+    for number, item in enumerate(items):
+        size = (room_px[0], row_px if item.event.name else 2 * row_px // 3) if item.row else tile_px
+        before = pages[-1].get(number - 1)
+        if before is not None and (item.row or x + size[0] > room_px[0]):
+            x, y = 0, before.bottom + unit
+        if pages[-1] and y + size[1] > room_px[1]:
+            pages.append({})
+            x = y = 0
+        pages[-1][number] = pygame.Rect(x, y, *size)
+        x += size[0] + unit
+    return pages
 
 
 @lru_cache(2)
@@ -274,133 +319,172 @@ def menu_panel(
     lit: Highlight = NO_HIGHLIGHT,
     top_px: int = 0,
 ) -> ItemPanel:
-    """The page with the selected item, in the middle of a window of that size, below top_px."""
+    """The page with the selected item, in the middle of a window of that size, below top_px. Tiles
+    have the same size and places, however many there are.
+    """
     width, height = (round(MENU_SHARE * side) for side in (window_px[0], window_px[1] - top_px))
     text_px = max(MIN_MENU_PX, min(text_px, width // 26))
-    letters, unit = font(text_px), unit_px(text_px)
-    line = letters.get_linesize()
-    count = len(menu.items)
-    pad = 2 * unit
-    title = font(round(HEADING * text_px)).render(drawable(menu.title), True, TEXT)
-    number = f"{selected + 1} of {count}"
-    side = CONTROL_UNITS * unit
-    hint = letters.render(menu.hint, True, SECOND, None, width - 2 * pad)
-    head_px = pad + max(title.get_height(), side - unit) + hint.get_height() + unit
-    least_px = CELL_LINES * line
-    room = width - 2 * pad + unit, height - head_px - pad + unit
-
-    def picture_px(cols: int) -> float:
-        """Width of a cell's picture where all items are on one page."""
-        return min(room[0] // cols, (room[1] // -(-count // cols) - 3 * line) / CELL_SHAPE)
-
-    cols = max(range(1, min(MENU_COLS, count) + 1), key=picture_px)
-    if picture_px(cols) < least_px:  # then it has several pages
-        cols = max(1, min(MENU_COLS, room[0] // least_px))
-    rows = max(1, min(room[1] // least_px, -(-count // cols)))
-    wide = room[0] // cols
-    high = max(min(room[1] // rows, round(CELL_SHAPE * wide) + 3 * line), line + 3 * unit)
-    page = rows * cols
-    first = selected // page * page
-    surface = panel_surface(width, head_px + rows * high - unit + pad, unit)
-    surface.blit(title, (pad, pad))
-    surface.blit(hint, (pad, head_px - hint.get_height() - unit))
-    shown = menu.items[first : first + page]
-    cells = [
-        (
-            item,
-            pygame.Rect(
-                pad + k % cols * wide, head_px + k // cols * high, wide - unit, high - unit
-            ),
-        )
-        for k, item in enumerate(shown)
-    ]
-    for k, (item, rect) in enumerate(cells, first):
-        _draw_tile(surface, letters, item, rect, lit, k == selected, unit)
+    unit = unit_px(text_px)
+    if all(item.row for item in menu.items):
+        width = min(width, ROW_LETTERS * text_px)
+    pad, side = 2 * unit, CONTROL_UNITS * unit
+    title = written(menu.title, round(HEADING * text_px), TEXT, True)
+    head_px = unit // 2 + side + unit // 2
+    room = width - 2 * pad, max(height - head_px - pad, 1)
+    cols = max(1, (room[0] + unit) // (TILE_LETTERS * text_px + unit))
+    wide = (room[0] + unit) // cols - unit
+    least_px = side if room[1] > 3 * side else font(text_px).get_linesize() + unit
+    tile_px = wide, min(room[1], round(TILE_SHAPE * wide) + 2 * text_px + 3 * unit)
+    pages = _pages(menu.items, room, least_px, tile_px, unit)
+    page = next(k for k, places in enumerate(pages) if selected in places)
+    places = {number: rect.move(pad, head_px) for number, rect in pages[page].items()}
+    whole = places if len(pages) == 1 else {0: pygame.Rect(0, 0, 0, head_px + room[1])}
+    surface = panel_surface(width, max(rect.bottom for rect in whole.values()) + pad, unit)
+    surface.blit(title, title.get_rect(midleft=(pad, unit // 2 + side // 2)))
+    for number, rect in places.items():
+        item = menu.items[number]
+        draw = _draw_row if item.row else _draw_tile
+        draw(surface, text_px, item, rect, lit, number == selected, unit)
     buttons = [_cross(width, unit)]
-    if page < count:
-        x = min(pad + title.get_width() + unit, width - 4 * side - letters.size(number)[0])
-        words = letters.render(number, True, SECOND)
-        places = (x, x + side + words.get_width() + 2 * unit)
-        surface.blit(words, words.get_rect(midleft=(x + side + unit, buttons[0][1].centery)))
+    if len(pages) > 1:
+        words = written(f"{page + 1} / {len(pages)}", text_px, SECOND)
+        x = buttons[0][1].left - 2 * side - words.get_width() - unit
+        surface.blit(words, words.get_rect(midleft=(x + side, buttons[0][1].centery)))
         buttons += [
             (turn, pygame.Rect(left, unit // 2, side, side))
-            for turn, left in zip(TURNS, places, strict=True)
+            for turn, left in zip(TURNS, (x, x + side + words.get_width()), strict=True)
         ]
     for item, rect in buttons:
-        _draw_button(surface, letters, item, rect, lit, unit)
+        _draw_button(surface, text_px, item, rect, lit, unit)
+    cells = [(menu.items[k], rect) for k, rect in places.items() if menu.items[k].event.name]
+    x, y = ((size - side) // 2 for size, side in zip(window_px, surface.get_size(), strict=True))
     return ItemPanel(
-        surface=surface,
-        at=(
-            (window_px[0] - width) // 2,
-            (window_px[1] + top_px - surface.get_height()) // 2,
-        ),
-        cells=[*cells, *buttons],
-        cols=cols,
-        page=page,
+        surface=surface, at=(x, y + top_px // 2), cells=[*cells, *buttons], places=places
     )
 
 
-def _draw_tile(
+def _draw_row(
     surface: pygame.Surface,
-    letters: pygame.font.Font,
+    text_px: int,
     item: Item,
     rect: pygame.Rect,
     lit: Highlight,
     focused: bool,
     unit: int,
 ) -> None:
-    """A card with a picture and below it the label, in at most two lines: of a longer one, both
-    ends, because names of files often differ at the end.
-    """
+    """An icon or a picture, the label, and what else there is to say; or a heading."""
+    if not item.event.name:
+        heading = written(item.label, text_px, TEXT, True)
+        surface.blit(heading, heading.get_rect(midleft=(rect.left, rect.centery)))
+        return
+    back = PRESSED if item.main else CARD
+    draw_card(surface, rect, unit, item.event == lit.event, lit.pressed, focused, back)
+    x = rect.left + 2 * unit
+    if item.icon:
+        drawing = icon(item.icon, 3 * unit, TEXT)
+        surface.blit(drawing, drawing.get_rect(midleft=(x, rect.centery)))
+        x += 5 * unit
+    if item.picture is not None:
+        space = pygame.Rect(x, rect.top + unit, 10 * unit, rect.height - 2 * unit)
+        _draw_picture(surface, item.picture, space)
+        x += 12 * unit
+    for text, colour, bold in ((item.label, TEXT, True), (item.more, SECOND, False)):
+        words = written(_shortened(text, text_px, rect.right - x - unit), text_px, colour, bold)
+        surface.blit(words, words.get_rect(midleft=(x, rect.centery)))
+        x += words.get_width() + 2 * unit
+
+
+def _shortened(text: str, text_px: int, room_px: int) -> str:
+    """Of a longer text, both ends, because names of files often differ at the end."""
+    kept = len(text)
+    short = text
+    while kept > 2 and font(text_px, True).size(short)[0] > room_px:
+        kept -= 1
+        short = f"{text[: kept - kept // 2]}…{text[-(kept // 2) :]}"
+    return short
+
+
+def _draw_picture(surface: pygame.Surface, picture: NDArray[np.uint8], space: pygame.Rect) -> None:
+    """A picture, scaled to fit."""
+    rows, cols, channels = picture.shape
+    x, y, *size = fit_area((cols, rows), space.size)
+    small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA).tobytes()
+    surface.blit(
+        pygame.image.frombuffer(small, size, "RGB" if channels == 3 else "RGBA"),
+        (space.left + x, space.top + y),
+    )
+
+
+def _draw_tile(
+    surface: pygame.Surface,
+    text_px: int,
+    item: Item,
+    rect: pygame.Rect,
+    lit: Highlight,
+    focused: bool,
+    unit: int,
+) -> None:
+    """A card with a picture or an icon, and the label and a second line below it."""
     draw_card(surface, rect, unit, item.event == lit.event, lit.pressed, focused)
     room = rect.inflate(-2 * unit, -2 * unit)
-    whole = label = drawable(item.label)
-    kept = len(whole)
-    while kept > 2 and letters.size(label)[0] > 2 * room.width - 4 * unit:
-        kept -= 1
-        label = f"{whole[: kept - kept // 2]}…{whole[-(kept // 2) :]}"
-    letters.align = pygame.FONT_CENTER
-    text = letters.render(label, True, TEXT, None, max(1, room.width))
-    letters.align = pygame.FONT_LEFT
-    text = text.subsurface((0, 0, text.get_width(), min(text.get_height(), room.height)))
-    surface.blit(text, text.get_rect(midbottom=room.midbottom))
-    space = room.width, max(1, room.height - text.get_height() - unit)
-    if item.icon:
-        drawing = icon(item.icon, min(space) // 2, TEXT)
-        surface.blit(drawing, drawing.get_rect(center=(room.centerx, room.top + space[1] // 2)))
+    y = room.bottom
+    colour = RED if item.warns else SECOND
+    for text, ink, bold in ((item.more, colour, False), (item.label, TEXT, True)):
+        words = written(_shortened(drawable(text), text_px, room.width), text_px, ink, bold)
+        surface.blit(words, words.get_rect(bottomleft=(room.left, y)))
+        y -= words.get_height()
+    room.height = max(1, y - room.top - unit)
     if item.picture is not None:
-        rows, cols, channels = item.picture.shape
-        x, y, *size = fit_area((cols, rows), space)
-        small = cv2.resize(item.picture, size, interpolation=cv2.INTER_AREA).tobytes()
-        surface.blit(
-            pygame.image.frombuffer(small, size, "RGB" if channels == 3 else "RGBA"),
-            (room.left + x, room.top + y),
-        )
+        _draw_picture(surface, item.picture, room)
+    elif item.icon:
+        drawing = icon(item.icon, 5 * unit, SECOND)
+        surface.blit(drawing, drawing.get_rect(center=room.center))
 
 
-def _block(
-    lines: Sequence[str], letters: pygame.font.Font, key_px: int, room_px: int
-) -> pygame.Surface:
-    """Lines below each other: those with a tab have a key, and a line before them is a heading."""
-    unit = unit_px(letters.get_linesize())
+def _block(lines: Sequence[str], text_px: int, key_px: int, room_px: int) -> pygame.Surface:
+    """Lines below each other: those with a tab have a key, those with two tabs a value with its
+    bar, and a line before them is a heading.
+    """
+    unit = unit_px(text_px)
+    gap = unit // 2
     has_keys = any("\t" in line for line in lines)
     rows = list[tuple[pygame.Surface | None, pygame.Surface]]()
     for line in lines:
-        key, tab, words = drawable(line).rpartition("\t")
-        colour = SECOND if has_keys and not tab else TEXT
-        text = letters.render(words, True, colour, None, max(1, room_px - key_px))
-        rows.append((badge(key, letters, unit) if key else None, text))
-    gap = unit // 4
+        key, *words = drawable(line).split("\t")
+        if len(words) == 2:
+            name = written(key, text_px, SECOND)
+            rows.append((name, _value(words[0], float(words[1]), text_px, unit)))
+        else:
+            is_heading = has_keys and not words
+            colour = ACCENT if is_heading else TEXT
+            drawn = written(
+                words[0] if words else key, text_px, colour, is_heading, max(1, room_px - key_px)
+            )
+            rows.append((badge(key, text_px, unit) if words else None, drawn))
     heights = [max(text.get_height(), key.get_height() if key else 0) + gap for key, text in rows]
     width = max(text.get_width() + (key_px if key else 0) for key, text in rows)
     surface = pygame.Surface((width, sum(heights)), pygame.SRCALPHA)
     y = 0
-    for (drawn, text), height in zip(rows, heights, strict=True):
+    for (left, text), height in zip(rows, heights, strict=True):
         middle = y + (height - gap) // 2
-        if drawn is not None:
-            surface.blit(drawn, drawn.get_rect(midleft=(0, middle)))
-        surface.blit(text, text.get_rect(midleft=(key_px if drawn else 0, middle)))
+        if left is not None:
+            surface.blit(left, left.get_rect(midleft=(0, middle)))
+        surface.blit(text, text.get_rect(midleft=(key_px if left else 0, middle)))
         y += height
+    return surface
+
+
+def _value(text: str, share: float, text_px: int, unit: int) -> pygame.Surface:
+    """A bar of that share, and a value."""
+    words = written(text, text_px, TEXT)
+    bar = pygame.Rect(0, (words.get_height() - unit) // 2, VALUE_LETTERS * text_px, unit)
+    surface = pygame.Surface(
+        (bar.width + 2 * unit + words.get_width(), words.get_height()), pygame.SRCALPHA
+    )
+    pygame.draw.rect(surface, CARD, bar, border_radius=unit // 2)
+    bar.width = round(min(max(share, 0.0), 1.0) * bar.width)
+    pygame.draw.rect(surface, ACCENT, bar, border_radius=unit // 2)
+    surface.blit(words, (VALUE_LETTERS * text_px + 2 * unit, 0))
     return surface
 
 
@@ -433,7 +517,7 @@ def _attempts(
             yield MIN_TEXT_PX, 1, lines[first : first + count]
 
 
-@lru_cache(16)
+@lru_cache(4)
 def text_panel(
     text: Overlay,
     bottom_px: int,
@@ -443,41 +527,41 @@ def text_panel(
     lit: Highlight = NO_HIGHLIGHT,
     first: int = 0,
 ) -> ItemPanel:
-    """The lines of text with a cross, its items and its inset, or else its notices, between top_px
-    and bottom_px: at the left, in the middle if the lines have keys, and at the bottom if there are
-    items or notices. Letters are smaller if they do not fit. Then keys are on several pages; first:
-    the line that this one begins with.
+    """The title and lines of text with a cross, its items and its inset, between top_px and
+    bottom_px: at the left, in the middle with a title, and at the bottom with items. Letters are
+    smaller if they do not fit. Then lines are on several pages; first: the line that this one
+    begins with.
 
     White on black is the same for both eyes, so text lies in the plane of the screen through any
     glasses. The inset is omitted if it does not fit.
     """
-    lines = text.lines or text.notices
-    has_keys = any("\t" in line for line in lines)
-    at_bottom = not text.lines or bool(text.items)
+    lines = text.lines
     room = TEXT_SHARE * (window_px[0] - 2 * EDGE_PX), bottom_px - top_px - EDGE_PX
     for size_px, cols, shown in _attempts(lines, text_px, first):
         sections = [part.split("\n") for part in "\n".join(shown).strip("\n").split("\n\n")]
         items = (*text.items, *(TURNS if len(shown) < len(lines) else ()))
-        letters, unit = font(size_px), unit_px(size_px)
-        pad = 2 * unit if text.lines else unit
-        cross_px = CONTROL_UNITS * unit if text.lines else 0
-        keys = [line.partition("\t")[0] for line in lines if "\t" in line]
-        key_px = max((badge(key, letters, unit).get_width() for key in keys), default=-unit) + unit
-        wrap_px = int(room[0] - 2 * pad - cross_px - (cols - 1) * COLUMN_UNITS * unit) // cols
+        unit = unit_px(size_px)
+        pad, cross_px = 2 * unit, CONTROL_UNITS * unit
+        title = written(text.title, round(HEADING * size_px), TEXT, True)
+        head_px = pad + title.get_height() * bool(text.title)
+        keys = [line.split("\t") for line in lines if "\t" in line]
+        key_px = max((_key_px(key, size_px, unit) for key in keys), default=-2 * unit) + 2 * unit
+        aside_px = 0 if text.title else cross_px - unit  # beside the first line
+        wrap_px = int(room[0] - 2 * pad - aside_px - (cols - 1) * COLUMN_UNITS * unit) // cols
         wrap_px = max(wrap_px, key_px + COLUMN_LETTERS * size_px)
-        blocks = [_block(part, letters, key_px, wrap_px) for part in sections]
+        blocks = [_block(part, size_px, key_px, wrap_px) for part in sections]
         places = _columns(blocks, cols, unit)
         body = pygame.Rect.unionall(places[0], places[1:])
-        width = body.width + 2 * pad + cross_px
-        height = max(body.height, cross_px - unit) + 2 * pad
-        widths = [_button_px(item, letters, unit) for item in items]
+        width = max(body.width + aside_px, title.get_width() + cross_px) + 2 * pad
+        height = head_px + (unit if text.title else 0) + body.height + pad
+        widths = [_button_px(item, size_px, unit) for item in items]
         rects = _flow(widths, round(room[0] - 2 * pad), CONTROL_UNITS * unit, unit)
         if rects:
             row = pygame.Rect.unionall(rects[0], rects[1:])
             width, height = max(width, row.width + 2 * pad), height + row.height + unit
         if width <= room[0] and height <= room[1]:
             break
-    top = pad + (max(body.height, cross_px - unit) - body.height) // 2
+    top = head_px + (unit if text.title else 0)
     blits = [(block, place.move(pad, top)) for block, place in zip(blocks, places, strict=True)]
     cells = [
         (item, rect.move(pad, height - pad - row.height))
@@ -489,15 +573,97 @@ def text_panel(
         width = max(width, inset.get_width() + 2 * pad)
         height = height + inset.get_height() + pad
     surface = panel_surface(width, height, unit)
-    surface.blits(blits)
-    if text.lines:
-        cells.append(_cross(width, unit))
+    surface.blits([(title, title.get_rect(topleft=(pad, pad))), *blits])
+    cells.append(_cross(width, unit))
     for item, rect in cells:
-        _draw_button(surface, letters, item, rect, lit, unit)
-    x = (window_px[0] - width) // 2 if has_keys or at_bottom else EDGE_PX
-    middle = top_px + max(0, room[1] - height) // 2 if has_keys else top_px
-    at = x, bottom_px - height - EDGE_PX if at_bottom else middle
+        _draw_button(surface, size_px, item, rect, lit, unit)
+    x = (window_px[0] - width) // 2 if text.title or text.items else EDGE_PX
+    middle = top_px + max(0, room[1] - height) // 2 if text.title else top_px
+    at = round(x), round(bottom_px - height - EDGE_PX if text.items else middle)
     return ItemPanel(surface=surface, at=at, cells=cells, page=len(shown))
+
+
+def _key_px(key: Sequence[str], text_px: int, unit: int) -> int:
+    """The width of a key, or of the name of a value."""
+    is_value = len(key) == 3
+    return font(text_px).size(key[0])[0] if is_value else badge(key[0], text_px, unit).get_width()
+
+
+@lru_cache(8)
+def notice_panel(
+    notice: Notice, y_px: int, window_px: Place, text_px: int, lit: Highlight = NO_HIGHLIGHT
+) -> ItemPanel:
+    """A notice above y_px, or below it if it has items, which stand beside the text or below it."""
+    unit = unit_px(text_px)
+    pad = 2 * unit
+    room = window_px[0] - 2 * EDGE_PX - 2 * pad
+    text = written(notice.text, text_px, TEXT, wrap_px=room)
+    widths = [_button_px(item, text_px, unit) for item in notice.items]
+    rects = _flow(widths, room, CONTROL_UNITS * unit, unit)
+    row = pygame.Rect(0, 0, -2 * unit, 0).unionall(rects)
+    beside = text.get_width() + 2 * unit + row.width <= room
+    width, height = text.get_width() + 2 * pad, text.get_height() + pad
+    at = 0, text.get_height() + 2 * unit
+    if rects and beside:
+        width, height = width + 2 * unit + row.width, max(height, row.height + pad)
+        at = text.get_width() + 2 * unit, (height - row.height) // 2 - unit
+    elif rects:
+        width, height = max(width, row.width + 2 * pad), height + row.height + 2 * unit
+    surface = panel_surface(width, height, unit)
+    middle = height // 2 if beside or not rects else unit + text.get_height() // 2
+    surface.blit(text, text.get_rect(midleft=(pad, middle)))
+    cells = [
+        (item, rect.move(pad + at[0], unit + at[1] * 1))
+        for item, rect in zip(notice.items, rects, strict=True)
+    ]
+    for item, rect in cells:
+        _draw_button(surface, text_px, item, rect, lit, unit)
+    top_px = y_px if notice.items else y_px - height
+    return ItemPanel(surface=surface, at=((window_px[0] - width) // 2, top_px), cells=cells)
+
+
+@lru_cache(2)
+def caption_panel(
+    lines: tuple[str, ...], bottom_px: int, window_px: Place, text_px: int
+) -> ItemPanel:
+    """A title and lines in large letters at the bottom left."""
+    text_px = round(CAPTION * text_px)
+    unit = unit_px(text_px)
+    wrap_px = round(0.6 * window_px[0])
+    parts = [
+        written(line, round(text_px * (1 if k else HEADING)), SECOND if k else TEXT, not k, wrap_px)
+        for k, line in enumerate(filter(None, lines))
+    ]
+    height = sum(part.get_height() for part in parts) + 2 * unit
+    surface = panel_surface(max(part.get_width() for part in parts) + 4 * unit, height, unit)
+    y = unit
+    for part in parts:
+        surface.blit(part, (2 * unit, y))
+        y += part.get_height()
+    return ItemPanel(surface=surface, at=(EDGE_PX, bottom_px - height))
+
+
+@lru_cache(2)
+def turn_panel(
+    items: tuple[Item, ...], bottom_px: int, window_px: Place, text_px: int, lit: Highlight
+) -> ItemPanel:
+    """Large buttons at the bottom right."""
+    side = round(CAPTION * CONTROL_UNITS * unit_px(text_px))
+    surface = panel_surface(side * len(items), side, unit_px(text_px))
+    cells = [(item, pygame.Rect(k * side, 0, side, side)) for k, item in enumerate(items)]
+    for item, rect in cells:
+        _draw_button(surface, round(CAPTION * text_px), item, rect, lit, unit_px(text_px))
+    at = window_px[0] - EDGE_PX - surface.get_width(), bottom_px - side
+    return ItemPanel(surface=surface, at=at, cells=cells)
+
+
+@lru_cache(2)
+def elapsed_panel(share: float, window_px: Place, unit: int) -> ItemPanel:
+    """A bar along the bottom."""
+    surface = pygame.Surface((window_px[0], unit // 2))
+    surface.fill(CARD)
+    surface.fill(ACCENT, (0, 0, round(share * window_px[0]), unit // 2))
+    return ItemPanel(surface=surface, at=(0, window_px[1] - unit // 2))
 
 
 @lru_cache(2)
@@ -505,20 +671,19 @@ def scene_panel(
     name: str, step: str, share: float | None, window_px: Place, text_px: int
 ) -> ItemPanel:
     """The scene's name at the top left, and what is being done with it."""
-    letters, unit = font(text_px), unit_px(text_px)
-    words = letters.render(drawable(name), True, TEXT)
-    below = letters.render(step, True, SECOND) if step else None
+    unit = unit_px(text_px)
+    words = written(_shortened(drawable(name), text_px, window_px[0] // 2), text_px, TEXT, True)
+    below = written(step, text_px, SECOND)
     width = words.get_width()
     height = words.get_height() + 2 * unit
-    if below is not None:
+    if step:
         width = max(width, below.get_width(), CHIP_LETTERS * text_px)
         height += below.get_height() + 3 * unit // 2
-    width = min(width, window_px[0] - 2 * EDGE_PX - 3 * unit)
-    surface = panel_surface(width + 3 * unit, height, unit)
-    surface.blit(words, (3 * unit // 2, unit), (0, 0, width, height))
-    if below is not None:
-        surface.blit(below, (3 * unit // 2, unit + words.get_height()), (0, 0, width, height))
-        groove = pygame.Rect(3 * unit // 2, height - 3 * unit // 2, width, max(3, unit // 2))
+    surface = panel_surface(width + 4 * unit, height, unit)
+    surface.blit(words, (2 * unit, unit))
+    if step:
+        surface.blit(below, (2 * unit, unit + words.get_height()))
+        groove = pygame.Rect(2 * unit, height - 3 * unit // 2, width, max(3, unit // 2))
         pygame.draw.rect(surface, OFF, groove, border_radius=unit // 4)
         groove.width = round((share or 0.0) * width)
         pygame.draw.rect(surface, ACCENT, groove, border_radius=unit // 4)
@@ -530,14 +695,19 @@ def dot_panel(
     text: str, colour: tuple[int, int, int], top_px: int, window_px: Place, text_px: int
 ) -> ItemPanel:
     """A dot and text at the top right."""
-    letters, unit = font(text_px), unit_px(text_px)
-    words = letters.render(text, True, TEXT)
+    unit = unit_px(text_px)
+    words = written(text, text_px, TEXT)
     radius = unit // 2 + 1
-    surface = panel_surface(words.get_width() + 5 * unit, words.get_height() + 2 * unit, unit)
-    pygame.draw.aacircle(surface, colour, (2 * unit, surface.get_height() // 2), radius)
-    pygame.draw.circle(surface, colour, (2 * unit, surface.get_height() // 2), radius - 1)
-    surface.blit(words, (7 * unit // 2, unit))
+    surface = panel_surface(words.get_width() + 6 * unit, words.get_height() + 2 * unit, unit)
+    pygame.draw.aacircle(surface, colour, (5 * unit // 2, surface.get_height() // 2), radius)
+    pygame.draw.circle(surface, colour, (5 * unit // 2, surface.get_height() // 2), radius - 1)
+    surface.blit(words, (4 * unit, unit))
     return ItemPanel(surface=surface, at=(window_px[0] - surface.get_width() - EDGE_PX, top_px))
+
+
+def top_px(text_px: int) -> int:
+    """Where panels begin below the chips in the upper corners."""
+    return EDGE_PX + font(text_px).get_linesize() + 2 * unit_px(text_px) + GAP_PX
 
 
 def _action(key: str) -> Event | None:
@@ -555,6 +725,8 @@ class OverlayView:
         self._over: Cell | None = None  # what the pointer is on
         self._used = NO_EVENT  # pressed, and the pointer is still there: it needs no tip
         self._held: Cell | None = None  # a slider
+        self._bar: ItemPanel | None = None  # while it is shown
+        self._pointer_px = (-1, -1)
         self._bar_from_s = math.inf  # when the bar appears, for BAR_S
         self._edge_px = 0  # pointer motion below shows the bar or keeps it
         self._menu: ItemPanel | None = None
@@ -595,37 +767,48 @@ class OverlayView:
         bar = None
         if overlay.bar:
             bar = bar_panel(overlay.bar, self._highlight_of(*overlay.bar), window_px, text_px)
-        if bar is None or (now_s > self._bar_from_s + BAR_S and self._held is None):
+        if bar is None or now_s > self._bar_from_s + BAR_S:
             self._bar_from_s = math.inf
-        is_awake = bar is not None and (now_s >= self._bar_from_s or self._held is not None)
+        is_used = self._held is not None or self._is_over(self._bar)
+        is_awake = bar is not None and (now_s >= self._bar_from_s or is_used)
+        if is_awake and is_used:
+            self._bar_from_s = now_s
+        self._bar = bar if is_awake else None
         # space for the bar stays free, so that nothing moves when it appears
         bar_top_px = bottom_px = window_px[1] if bar is None else bar.top_px
         corners = self._corners(is_awake, window_px, text_px)
+        below_px = max([top_px(text_px), *(one.bottom_px + GAP_PX for one in corners)])
         pages, notices = list[ItemPanel](), list[ItemPanel]()
         if overlay.lines:
-            page = Overlay(lines=overlay.lines, inset=overlay.inset, items=overlay.items)
-            top_px = EDGE_PX
-            if not overlay.items:
-                top_px = max((corner.bottom_px + GAP_PX for corner in corners), default=EDGE_PX)
+            page = Overlay(
+                title=overlay.title, lines=overlay.lines, inset=overlay.inset, items=overlay.items
+            )
             lit = self._highlight_of(CLOSE, *overlay.items, *TURNS)
-            place = bar_top_px, window_px, text_px, top_px
+            is_small = bar_top_px < SMALL * below_px
+            from_px = EDGE_PX if overlay.items or is_small else below_px
+            place = bar_top_px, window_px, text_px, from_px
             pages.append(text_panel(page, *place, lit, self._firsts[-1]))
             self._lines = pages[0].page
             bottom_px = pages[0].top_px if overlay.items else bottom_px
-        items = () if overlay.lines else overlay.items
+        bottom_px -= GAP_PX
+        if overlay.caption:
+            pages += self._captions(overlay, bottom_px, window_px, text_px)
+            bottom_px = min(panel.top_px for panel in pages) - GAP_PX
         for notice in reversed(overlay.notices):
-            line = Overlay(notices=tuple(notice.splitlines()), items=items)
-            lit = self._highlight_of(*items)
-            notices.append(text_panel(line, bottom_px, window_px, text_px, lit=lit))
-            items = ()
-            bottom_px = notices[-1].top_px + EDGE_PX - GAP_PX
+            y_px = below_px if notice.items else bottom_px
+            lit = self._highlight_of(*notice.items)
+            notices.append(notice_panel(notice, y_px, window_px, text_px, lit))
+            if notice.items:
+                below_px = notices[-1].bottom_px + GAP_PX
+            else:
+                bottom_px = notices[-1].top_px - GAP_PX
         self._menu = None
         if overlay.menu is not None:
             area_px = window_px[0], min(bar_top_px, bottom_px)
             lit = self._highlight_of(CLOSE, *TURNS, *overlay.menu.items)
             corners = corners[:1] if overlay.recording else []
-            top_px = max((corner.bottom_px for corner in corners), default=0)
-            self._menu = menu_panel(overlay.menu, self._at, area_px, text_px, lit, top_px)
+            over_px = max((corner.bottom_px for corner in corners), default=0)
+            self._menu = menu_panel(overlay.menu, self._at, area_px, text_px, lit, over_px)
             pages.append(self._menu)
         self._edge_px = round((1 - BAR_EDGE) * window_px[1])
         bars = list[ItemPanel]()
@@ -633,18 +816,40 @@ class OverlayView:
             bars.append(bar)
             self._edge_px = bar_top_px
             is_new = self._over is not None and self._over[0].event != self._used
-            if self._over is not None and is_new and self._over[0].event.name in TIPS:
-                item, rect = self._over
-                item = next(one for one in overlay.bar if one.event.name == item.event.name)
-                bars.append(tip_panel(item, (rect.centerx, bar_top_px), window_px, text_px))
+            entries = {item.event.name: item for item in overlay.bar}
+            name = self._over[0].event.name if self._over is not None and is_new else ""
+            if name in bar.bare or (name in entries and entries[name].off):
+                assert self._over is not None
+                over = self._over[1].centerx, bar_top_px
+                bars.append(tip_panel(entries[name], over, window_px, text_px))
         self._panels = [*pages, *notices, *corners, *bars]
         return self._panels
+
+    def _is_over(self, panel: ItemPanel | None) -> bool:
+        """Whether the pointer is on a panel."""
+        return panel is not None and panel.surface.get_rect(topleft=panel.at).collidepoint(
+            self._pointer_px
+        )
+
+    def _captions(
+        self, overlay: Overlay, bottom_px: int, window_px: Place, text_px: int
+    ) -> list[ItemPanel]:
+        """What visitors see of an exhibition."""
+        place = bottom_px - EDGE_PX, window_px, text_px
+        panels = [caption_panel(overlay.caption, *place)]
+        if overlay.items:
+            lit = self._highlight_of(*overlay.items)
+            panels.append(turn_panel(overlay.items, *place, lit))
+        if overlay.elapsed is not None:
+            panels.append(elapsed_panel(overlay.elapsed, window_px, unit_px(text_px)))
+        return panels
 
     def _corners(self, is_awake: bool, window_px: Place, text_px: int) -> list[ItemPanel]:
         """The recording, the viewer and the scene in the upper corners."""
         overlay = self._overlay
         panels = list[ItemPanel]()
-        for text, colour in ((overlay.recording, RED), (overlay.viewer * is_awake, ACCENT)):
+        dot = AMBER if overlay.viewer == VIEWERS["demo"] else ACCENT
+        for text, colour in ((overlay.recording, RED), (overlay.viewer * is_awake, dot)):
             if text:
                 top_px = panels[-1].bottom_px + GAP_PX if panels else EDGE_PX
                 panels.append(dot_panel(text, colour, top_px, window_px, text_px))
@@ -670,26 +875,33 @@ class OverlayView:
             elif first + self._lines < count:
                 self._firsts.append(first + self._lines)
             return None
-        panel = self._menu
-        if menu is None or not menu.items or panel is None:
+        if menu is None or self._menu is None:
             return _action(key)
-        moves = {
-            "left": -1,
-            "right": 1,
-            "up": -panel.cols,
-            "down": panel.cols,
-            "pageup": -panel.page,
-            "pagedown": panel.page,
-        }
-        event = menu.items[self._at].event
-        if key in moves:
-            at = self._at + moves[key]
-            count = len(menu.items)
-            self._at = at % count if key in ("left", "right") else min(max(at, 0), count - 1)
+        if key in MOVES:
+            self._at = self._moved(menu, self._menu.places, key)
             return None
+        event = menu.items[self._at].event
         if key == "enter":
             return event
         return Event("delete", event.text) if key == "delete" else _action(key)
+
+    def _moved(self, menu: Menu, places: dict[int, pygame.Rect], key: str) -> int:
+        """The number of the item that a key selects."""
+        usable = [number for number, item in enumerate(menu.items) if item.event.name]
+        step = MOVES[key]
+        if key in ("left", "right"):
+            return usable[(usable.index(self._at) + step) % len(usable)]
+        here = places[self._at]
+        beyond = [
+            (abs(rect.top - here.top), abs(rect.left - here.left), number)
+            for number, rect in places.items()
+            if number in usable and (rect.top - here.top) * step > 0
+        ]
+        if beyond and key in ("up", "down"):
+            return min(beyond)[2]
+        others = [number for number in usable if (number - self._at) * step > 0]
+        away = [number for number in others if number not in places] or others
+        return (away[0] if step > 0 else away[-1]) if away else self._at
 
     def mouse(self, event: pygame.Event, at_px: Place) -> Event | None:
         """The event of the mouse or a touch. at_px: the pointer."""
@@ -697,6 +909,7 @@ class OverlayView:
             if self._menu is None:
                 return None
             return self.key("pageup" if event.y > 0 else "pagedown") or NO_EVENT
+        self._pointer_px = at_px
         at_once = at_px[1] >= self._edge_px or event.type in PRESSED_OR_NOT
         self._bar_from_s = time.monotonic() + (0.0 if at_once else REST_S)
         self._over = next(

@@ -17,26 +17,27 @@ from lfpipe.render.presenter import Drawing, Presenter, draw_scene
 from lfpipe.render.synthesis.anaglyph import MATRICES, encode
 from lfpipe.render.synthesis.compositor import Key, recipe_for
 from lfpipe.render.synthesis.pair_layout import Pair, arrange_stereo_pair
-from lfpipe.render.ui.notices import VIEWERS, status_lines
+from lfpipe.render.ui.notices import VIEWERS, metrics
 from lfpipe.render.ui.settings import Settings
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.context import Context
 
 Colour = tuple[int, int, int]
-# label, colours of the left and right lens (RGB), value of render.anaglyph
-KINDS: tuple[tuple[str, tuple[Colour, Colour] | None, str], ...] = (
-    ("red / cyan", ((220, 30, 30), (0, 190, 200)), "dubois"),
-    ("green / magenta", ((20, 170, 40), (210, 40, 200)), "dubois-green-magenta"),
-    ("amber / blue", ((240, 170, 0), (30, 40, 190)), "dubois-amber-blue"),
-    ("3-D television", ((60, 60, 60), (60, 60, 60)), "side-by-side"),
-    ("none", None, "mono"),
+# label, more about it, colours of the left and right lens (RGB), value of render.anaglyph
+KINDS: tuple[tuple[str, str, tuple[Colour, Colour] | None, str], ...] = (
+    ("Red / cyan", "the usual ones", ((220, 30, 30), (0, 190, 200)), "dubois"),
+    ("Green / magenta", "", ((20, 170, 40), (210, 40, 200)), "dubois-green-magenta"),
+    ("Amber / blue", "", ((240, 170, 0), (30, 40, 190)), "dubois-amber-blue"),
+    ("3D television", "side by side", ((60, 60, 60), (60, 60, 60)), "side-by-side"),
+    ("No glasses", "a flat picture that moves", None, "mono"),
 )
 ICON_PX = 480, 240  # width, height: larger than on any screen, so that it is only scaled down
 # of the test: both values leave headroom for ghost compensation
 GREY, DARK, LIGHT = 128, 60, 235
 LETTER_AT = 0.38  # of the height: the middle of the letters
 GHOST = "ghost"  # the slider of the test
+LOOKS = {"camera": "follows your eyes", "mouse": "move it to look", "demo": "a demonstration"}
 FONT = cv2.FONT_HERSHEY_DUPLEX
 
 
@@ -59,15 +60,11 @@ def _icon(lenses: tuple[Colour, Colour] | None) -> NDArray[np.uint8]:
 def glasses_menu(anaglyph: str) -> Menu:
     """The question. anaglyph: the current setting."""
     items = tuple(
-        Item(label, Event("wear", value), picture=_icon(lenses)) for label, lenses, value in KINDS
+        Item(label, Event("wear", value), picture=_icon(lenses), more=more, row=True)
+        for label, more, lenses, value in KINDS
     )
-    at = next((k for k, (_, _, value) in enumerate(KINDS) if value == anaglyph), 0)
-    return Menu(
-        "Which glasses do you have?",
-        "Click, or use the arrows and Enter. Key e asks again.",
-        items,
-        at,
-    )
+    at = next((k for k, (*_, value) in enumerate(KINDS) if value == anaglyph), 0)
+    return Menu("Which glasses do you have?", items, at)
 
 
 def _eye_picture(left: bool, size_px: tuple[int, int]) -> NDArray[np.uint8]:
@@ -110,31 +107,24 @@ def glasses_test(render: Render, size_px: tuple[int, int]) -> tuple[NDArray[np.u
     return arrange_stereo_pair(pair, render.anaglyph, size_px), pair
 
 
-def instructions(render: Render) -> tuple[tuple[str, ...], tuple[Item, ...]]:
-    """The lines and choices of the running test."""
-    others = Item("Other glasses", Event("which"), "e"), Item("Done", Event("glasses"), "g")
-    if render.anaglyph == "mono":
-        return ("Glasses test: these colours are the same for both eyes.",), others
+def instructions(render: Render) -> Overlay:
+    """The running test."""
     swap = Item("Swap the eyes", Event("swap"), "x")
-    if render.anaglyph not in MATRICES:
-        return ("Close your left eye: you should see only R.",), (swap, *others)
-    lines = (
-        "Close your left eye: you should see only R.",
-        "A faint L too? Move the slider, or press the right and left arrow:"
-        f" {render.ghost_compensation:.0f} %.",
+    ghosts = Item(
+        f"Ghosts {render.ghost_compensation:.0f} %",
+        Event(GHOST),
+        slider=render.ghost_compensation / 100,
     )
-    ghost = Item("Ghost compensation", Event(GHOST), slider=render.ghost_compensation / 100)
-    return lines, (swap, ghost, *others)
+    others = Item("Other glasses", Event("which"), "e"), Item("Done", Event("glasses"), main=True)
+    if render.anaglyph == "mono":
+        return Overlay(lines=("No glasses: both eyes see the same.",), items=others)
+    if render.anaglyph not in MATRICES:
+        return Overlay(lines=("Close your left eye: only R?",), items=(swap, *others))
+    lines = "Close your left eye: only R?", "Faint L: raise the slider."
+    return Overlay(lines=lines, items=(swap, ghosts, *others))
 
 
 UPDATE_NS = SECOND_NS // 2  # between two updates of the metrics
-RECORDED_FACE = Overlay(
-    lines=("A recorded face moves this picture.",),
-    items=(
-        Item("Use my camera", Event("look", "camera")),
-        Item("Use the mouse", Event("look", "mouse")),
-    ),
-)
 GHOST_STEPS = {"more": 5.0, "less": -5.0}  # by event, %: the smallest visible change
 CHECKED = ("swap_eyes", "ghost_compensation")  # what a test of glasses may change
 
@@ -181,7 +171,7 @@ class MetricsPage(Page):
 
     def overlay(self, t_ns: int) -> Overlay:
         if t_ns >= self._due_ns:
-            self._lines = status_lines(self._context, self._viewer)
+            self._lines = metrics(self._context, self._viewer)
             self._due_ns = t_ns + UPDATE_NS
             self._presenter.redraw()
         return Overlay(lines=self._lines)
@@ -189,10 +179,12 @@ class MetricsPage(Page):
 
 @lru_cache(1)
 def viewer_menu(kind: str) -> Menu:
-    """Who looks? kind: as `viewer_kind`."""
-    items = tuple(Item(label, Event("look", word), icon=word) for word, label in VIEWERS.items())
-    at = list(VIEWERS).index(kind) if kind in VIEWERS else 0
-    return Menu("Who looks?", "Click, or use the arrows and Enter.", items, at)
+    """The choice of who looks. kind: as `viewer_kind`."""
+    items = tuple(
+        Item(label, Event("look", word), icon=word, more=LOOKS[word], row=True)
+        for word, label in VIEWERS.items()
+    )
+    return Menu("Viewer", items, list(VIEWERS).index(kind) if kind in VIEWERS else 0)
 
 
 class GlassesTest(Page):
@@ -224,5 +216,4 @@ class GlassesTest(Page):
         return event.name in GHOST_STEPS
 
     def overlay(self, t_ns: int) -> Overlay:
-        lines, items = instructions(self._context.config.render)
-        return Overlay(lines=lines, items=items)
+        return instructions(self._context.config.render)

@@ -8,7 +8,7 @@ from pathlib import Path
 import platformdirs
 
 from lfpipe.host.files import exists
-from lfpipe.render.ui.notices import Notices
+from lfpipe.render.ui.notices import Notices, short
 from lfpipe.sequence.folder import MANIFEST
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.context import Context
@@ -25,12 +25,16 @@ class RecordingIndicator:
         self._notices = notices
         self._folder = ""
         self._began_ns = 0
+        self._length_s = 0
+        self._is_asked = False
         self._ending: tuple[Path, int] | None = None  # until when it may still be written
         self.status = ""
         """Time of the current recording; "" for none."""
 
     def toggle(self) -> None:
         """Starts recording the camera and the eyes in the folder for pictures, or stops it."""
+        if self._is_asked:
+            return
         path = ""
         if not self._context.options.record:
             path = str(
@@ -39,9 +43,13 @@ class RecordingIndicator:
             )
             if self._context.paused:
                 self._context.request("resume")
-            resumed = "resumed: " if self._context.paused else ""
-            self._notices.show("record", f"{resumed}the recording starts")
+            self._notices.show("record", "Starting the recording ...", FLUSH_NS)
+        self._is_asked = True
         self._context.request("record", path=path)
+
+    def answered(self) -> None:
+        """Takes the answer to a request."""
+        self._is_asked = False
 
     def update(self, t_ns: int) -> bool:
         """Updates the status; returns whether it changed."""
@@ -49,6 +57,9 @@ class RecordingIndicator:
         if folder != self._folder:
             if self._folder:
                 self._ending = Path(self._folder), t_ns + FLUSH_NS
+                self._length_s = (t_ns - self._began_ns) // SECOND_NS
+            elif folder:
+                self._notices.show("record", "Recording the camera")
             self._folder, self._began_ns = folder, t_ns
         if self._ending is not None:
             self._show_ended(*self._ending, t_ns)
@@ -61,10 +72,10 @@ class RecordingIndicator:
         if not exists(path / MANIFEST) and t_ns < until_ns:
             return
         self._ending = None
-        text = f"the recording is {path.name}\nin {path.parent}"
-        self._notices.show(
-            "record", text if exists(path / MANIFEST) else "no frame was recorded", ENDED_NS
-        )
+        text = "Nothing recorded: stopped before the first frame"
+        if exists(path / MANIFEST):
+            text = f"Camera recorded, {self._length_s} s: {short(path)}"
+        self._notices.show("record", text, ENDED_NS)
 
 
 def user_folder(folder: Path) -> Path:

@@ -14,24 +14,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import Scene
-from lfpipe.errors import UserError
+from lfpipe.errors import UserError, plain
 from lfpipe.files.decoding import fit_area
 from lfpipe.host.files import exists
 from lfpipe.render.display.display import Event, Item, Menu, Overlay
 from lfpipe.render.ui.files import Files
-from lfpipe.render.ui.notices import Notices, for_window, viewer_kind
+from lfpipe.render.ui.notices import (
+    ASKED_NS,
+    VIEWERS,
+    Notices,
+    viewer_kind,
+    viewer_name,
+)
 from lfpipe.render.ui.pages import Page
 from lfpipe.scene.cache import cache_dir, packed
+from lfpipe.scene.files import HOLDS_ALL, PICTURES, read_bytes
 from lfpipe.scene.recent_scenes import forget_scene
-from lfpipe.transport.clock import SECOND_NS
+from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.control import Answer, Message
 from lfpipe.transport.ring import Reader
 
+CAPTIONS = "captions.txt"
+ELAPSED_STEPS = 200
 ALONE_NS = 60 * SECOND_NS  # then the visitor is assumed to have left
-NO_OTHER = "there is no other scene: press l, or drop a folder of views onto the window"
-# of a refusal in the picture; lines of the reason, and of the remedy
-REFUSED_NS = NOTES_NS = 6 * SECOND_NS
+OTHER = Item("Open one", Event("open"), "l", main=True)
+OPEN = Item("Open a folder or file", Event("open"), icon="open", row=True, main=True)
+NOTES_NS = 6 * SECOND_NS
 # between two pictures of the camera: a motion is visible, and the scene keeps its rate
 CAMERA_NS = SECOND_NS // 5
 THUMBNAILS = Path(__file__).parent / "thumbnails"  # by tools.make_docs_pictures
@@ -39,8 +48,9 @@ KEPT_PX = (480, 360)  # of a thumbnail, at most: larger than a cell of most menu
 # of the packer -> what it does, for people
 WORK = {"views": "reading pictures", "disparity": "measuring depth", "method": "choosing a method"}
 LOOK = Event("who")
-NO_CAMERA = Item("no camera: the mouse looks around", Event("who", "mouse"))
-HINT = "Click, or use the arrows and Enter. Tab goes back.\nDrop a folder of views to open it.{}"
+Seen = tuple[NDArray[np.uint8] | None, str]  # a small picture of a scene, and what it is
+UNSEEN: Seen = None, ""
+MOUSE_LOOKS = Item("Viewer: mouse", LOOK, icon="mouse", row=True)
 
 
 class SceneLoader:
@@ -59,12 +69,13 @@ class SceneLoader:
         self.working = ""
         self._unusable = context.options.unusable
         self._first_due_ns = 0
+        self._captioned, self._caption = Path(), ("", "")
         self._shown_at, self._shown_ns = -1, 0  # scene of the playlist, and since when
 
     def step(self, step: int) -> None:
         """Requests the scene of the playlist that many steps from the one requested last."""
         if len(self._context.options.playlist) < 2:
-            self._notices.show("scene", NO_OTHER)
+            self._notices.show("scene", "No other scene yet", ASKED_NS, (OTHER,))
             return
         self._opening = self._opening or "Opening ..."
         self._steps += step  # since a scene was shown
@@ -79,16 +90,9 @@ class SceneLoader:
         """Handles the answer to a request."""
         if answer.values.get("replaced"):
             return
-        if answer.cmd == "load":
-            self._opening, self._steps = "", 0
-        if not answer.ok:
-            self.refuse(answer.error, answer.remedy)
-        elif note := answer.values.get("note"):
+        self._opening, self._steps = "", 0
+        if note := answer.values.get("note"):
             self._notices.show("note", note, NOTES_NS)
-
-    def refuse(self, error: str, remedy: str) -> None:
-        """Shows a refusal for a while."""
-        self._notices.show("refused", for_window(error, remedy), REFUSED_NS)
 
     def report(self, news: Message) -> None:
         """Sets the progress of a load requested by any client, or of the scene on the screen."""
@@ -105,13 +109,27 @@ class SceneLoader:
         """What is being loaded; "" for nothing."""
         return self._opening
 
+    def caption(self, name: str) -> tuple[str, str]:
+        """The title of the scene on show and what there is to say about it."""
+        options = self._context.options
+        path = Path(options.playlist[options.playlist_at])
+        if path != self._captioned:
+            self._captioned, self._caption = path, captions(path.parent).get(path.name, (name, ""))
+        return self._caption
+
+    @property
+    def elapsed(self) -> float:
+        """The share of the time of the scene on show, in steps."""
+        passed = (now_ns() - self._shown_ns) / (self._context.options.every_s * SECOND_NS)
+        return round(min(max(passed, 0.0), 1.0) * ELAPSED_STEPS) / ELAPSED_STEPS
+
     def serve(self, t_ns: int) -> None:
         """Says which scenes cannot be opened. In a locked window, requests the next scene in time,
         or the first one for the next visitor.
         """
         options = self._context.options
         for path in options.unusable.keys() - self._unusable.keys():
-            self._notices.show("unusable", f"{Path(path).name}: {options.unusable[path]}", NOTES_NS)
+            self._notices.show("unusable", f"Not shown: {options.unusable[path]}", NOTES_NS)
         self._unusable = options.unusable
         if self._opening or options.playlist_at != self._shown_at:
             self._shown_at, self._shown_ns = options.playlist_at, t_ns
@@ -131,65 +149,86 @@ class SceneLoader:
             self._context.request("load", at=0)
 
 
-def middle_view(scene: str, settings: Scene) -> NDArray[np.uint8] | None:
-    """A small picture of a scene, RGB, from its pack; None if it was never opened."""
+def captions(folder: Path) -> dict[str, tuple[str, str]]:
+    """What captions.txt in a folder says of its scenes: NAME: TITLE | TEXT, a line each."""
+    told = {}
+    with contextlib.suppress(UserError, OSError):
+        for line in read_bytes(folder / CAPTIONS).decode(errors="replace").splitlines():
+            name, _, about = line.partition(":")
+            title, _, text = about.partition("|")
+            told[name.strip()] = plain(title.strip()), plain(text.strip())
+    return told
+
+
+def middle_view(scene: str, settings: Scene) -> Seen:
+    """A small picture of a scene, RGB, from its pack, and what it is; None and nothing if it was
+    never opened.
+    """
     with contextlib.suppress(UserError, OSError):
         if (field := packed(scene, settings)) is not None:
             planes = field.views[0, field.rows // 2, field.cols // 2]
             grey_or_rgb = np.moveaxis(planes, 0, -1)
             _, _, *small_px = fit_area((field.width_px, field.height_px), KEPT_PX)
             small = cv2.resize(grey_or_rgb, small_px, interpolation=cv2.INTER_AREA)
-            return np.asarray(np.broadcast_to(np.atleast_3d(small), (*small.shape[:2], 3)))
-    return None
+            rgb = np.broadcast_to(np.atleast_3d(small), (*small.shape[:2], 3))
+            count = field.rows * field.cols
+            views = "stereo" if count == 2 else f"{field.rows} x {field.cols} views"
+            return np.asarray(rgb), views if count > 1 else "one view"
+    return UNSEEN
 
 
 class ScenePage(Page):
-    """The scenes of the playlist as a menu, with the camera's picture."""
+    """The scenes of the playlist as a menu, with who looks."""
 
     def __init__(self, context: Context, files: Files) -> None:
         super().__init__()
         self._context = context
         self._files = files
-        self._playlist = context.options.playlist
-        self._scenes = list(self._playlist)  # without those taken off the start page
-        self._at = 0
-        self._pictures: dict[str, NDArray[np.uint8] | None] = {}  # None: never opened
+        self._removed = set[str]()  # from the start page
+        self._pictures: dict[str, Seen] = {}
         self._camera: Reader | None = None
         self._camera_due_ns = 0
-        self._camera_item = Item("your camera", LOOK)
+        self._camera_item = Item("Viewer", LOOK, icon="camera", row=True)
 
     def menu(self) -> Menu:
-        """The page with the pictures read so far."""
-        items = [
-            Item(Path(scene).name, Event("load", scene), picture=self._pictures.get(scene))
-            for scene in self._scenes
-        ]
-        kind = viewer_kind(self._context.options.viewer)
-        if kind == "mouse":
-            items.append(NO_CAMERA)
-        elif kind:
-            items.append(self._camera_item)
-        delete = " Delete removes a scene." if self._context.options.start else ""
-        return Menu("Choose a scene", HINT.format(delete), tuple(items), self._at)
+        """The page with the pictures read so far; selects the scene on show."""
+        options = self._context.options
+        shown = options.playlist[options.playlist_at]
+        kind = viewer_kind(options.viewer)
+        items = [OPEN, *([MOUSE_LOOKS if kind == "mouse" else self._camera_item] if kind else [])]
+        own = [scene for scene in options.playlist if not self._is_own(scene)]
+        demos = [scene for scene in options.playlist if self._is_own(scene)]
+        for heading, scenes in (("Recent" if options.start else "Scenes", own), ("Demos", demos)):
+            tiles = [self._tile(scene) for scene in scenes if scene not in self._removed]
+            items += [Item(heading, row=True), *tiles] if tiles else []
+        at = next((k for k, item in enumerate(items) if item.event.text == shown), 0)
+        return Menu("lfpipe" if options.start else "Choose a scene", tuple(items), at)
+
+    def _tile(self, scene: str) -> Item:
+        picture, what = self._pictures.get(scene, UNSEEN)
+        why = self._context.options.unusable.get(scene, "")
+        path = Path(scene)
+        is_file = path.suffix.lower() in (*PICTURES, *HOLDS_ALL)
+        return Item(
+            path.stem if is_file else path.name,
+            Event("load", scene),
+            icon="file",
+            picture=picture,
+            warns=bool(why),
+            more=why or what,
+        )
 
     def open(self) -> None:
-        """Selects the scene on show, and reads the pictures again, as one may have been packed
-        since. Those of our own making are in the package.
+        """Reads the pictures again, as one may have been packed since. Those of our own making are
+        in the package.
         """
         options = self._context.options
-        if options.playlist != self._playlist:
-            self._playlist = options.playlist
-            self._scenes = list(self._playlist)
-        now = options.playlist[options.playlist_at]
-        self._at = self._scenes.index(now) if now in self._scenes else 0
-        stored = {scene: THUMBNAILS / f"{Path(scene).name}.jpg" for scene in self._scenes}
-        self._pictures = {
-            scene: np.asarray(cv2.imread(str(path)), np.uint8)[..., ::-1]
-            for scene, path in stored.items()
-            if self._is_own(scene) and exists(path)
-        }
-        for scene in self._scenes:
-            if scene not in self._pictures:
+        for scene in options.playlist:
+            stored = THUMBNAILS / f"{Path(scene).name}.jpg"
+            if self._is_own(scene) and exists(stored):
+                picture = np.asarray(cv2.imread(str(stored)), np.uint8)[..., ::-1]
+                self._pictures[scene] = picture, ""
+            else:
                 read = partial(middle_view, scene, self._context.config.scene)
                 self._files.do(read, partial(self._pictures.__setitem__, scene))
         if options.viewer.tracked and self._camera is None:
@@ -201,12 +240,12 @@ class ScenePage(Page):
 
     def take(self, event: Event) -> bool:
         """Delete takes a scene off the start page; the demos stay, and so do all files."""
-        scene = event.text
         if event.name != "delete":
             return False
-        if self._context.options.start and scene in self._scenes and not self._is_own(scene):
-            self._scenes.remove(scene)
-            self._files.do(partial(forget_scene, Path(scene)))
+        options = self._context.options
+        if options.start and event.text in options.playlist and not self._is_own(event.text):
+            self._removed.add(event.text)
+            self._files.do(partial(forget_scene, Path(event.text)))
         return True
 
     def overlay(self, t_ns: int) -> Overlay:
@@ -218,14 +257,18 @@ class ScenePage(Page):
 
     def _see_camera(self, camera: Reader) -> None:
         """Takes the camera's newest picture, mirrored."""
-        options = self._context.options
         frame_px = self._context.config.camera.frame_px
         frame = np.empty((*frame_px[::-1], 3), np.uint8)
         if camera.read(frame) is None:
             return
         small_px = fit_area(frame_px, KEPT_PX)[2:]
         small = np.asarray(cv2.resize(frame, small_px, interpolation=cv2.INTER_AREA), np.uint8)
-        caption = "a face: here you are" if self._context.row["face"] else "no face seen"
-        if viewer_kind(options.viewer) == "demo":
-            caption = "recorded face"
-        self._camera_item = Item(caption, LOOK, picture=small[:, ::-1, ::-1])
+        name = viewer_name(self._context.options.viewer)
+        seen = "I see you" if self._context.row["face"] else "no face seen"
+        self._camera_item = Item(
+            f"Viewer: {name.lower()}",
+            LOOK,
+            picture=small[:, ::-1, ::-1],
+            more=seen if name == VIEWERS["camera"] else "",
+            row=True,
+        )

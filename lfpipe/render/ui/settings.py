@@ -16,11 +16,7 @@ from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.transport.context import Context
 
 MODES = choices("render.anaglyph")
-KEPT = {  # key of [render] -> its name in a notice
-    "anaglyph": "your glasses",
-    "swap_eyes": "swapped eyes",
-    "ghost_compensation": "ghost compensation",
-}
+KEPT = {"anaglyph": "Glasses", "swap_eyes": "Eyes", "ghost_compensation": "Ghosts"}  # in a notice
 
 
 class Settings:
@@ -60,7 +56,7 @@ class Settings:
             names = ", ".join(KEPT.get(name, name) for name in values)
             self._files.do(
                 partial(write_keys, user_file(), "render", values),
-                lambda _: self._notices.show("kept", f"saved for the next session: {names}"),
+                lambda _: self._notices.show("kept", f"{names} saved"),
             )
 
     def next_mode(self) -> None:
