@@ -41,7 +41,7 @@ from lfpipe.config import LiveSource, Scene
 from lfpipe.extras.web.server import STATIC
 from lfpipe.live.estimator import Estimator
 from lfpipe.live.field import LiveViews
-from lfpipe.live.records import disparity_dtype, pairs_in_need, views_of
+from lfpipe.live.records import pairs_in_need, views_of
 from lfpipe.monitor.monitor import screen_view
 from lfpipe.monitor.session_reader import Follower, Sample
 from lfpipe.render.display.display import Overlay
@@ -201,8 +201,7 @@ def live_frames(phases: Sequence[float]) -> Iterator[Image.Image]:
         t_s = LIVE_S * (0.5 - 0.5 * math.cos(2 * math.pi * phase))
         taken = np.hstack([draw_view(moving_solids(t_s), col, 0.0)[0] for col in LIVE_COLS])
         picture = np.ascontiguousarray(taken[..., ::-1])
-        found = estimator.estimate(picture, pair)
-        record = found.write(np.zeros((), disparity_dtype(source)))
+        record = estimator.estimate(picture, pair)
         field = views.show(picture, views_of(pair), record, number * STEP_MS * MS_NS)
         canvas = Image.new("RGB", (2 * PANEL_PX + 12, 2 * (PANEL_PX + LABEL_PX)), FLOOR)
         draw = ImageDraw.Draw(canvas)

@@ -3,24 +3,19 @@
 from collections.abc import Sequence
 
 import attrs
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.capture.frame_source import Frame, FrameSource
 from lfpipe.files.decoding import fit_area, fit_note, fitted
 
-# Channels follow those of the first camera by a gain, of which this share is taken from each frame:
-# within seconds, without reacting to what only one camera sees.
-GAIN_SHARE, LARGEST_GAIN = 0.02, 1.5
-SMALL_PX = (32, 24)  # at which brightness is compared
 JITTER_NS = 2_000_000  # of stamps: a frame that is nearer by less is no better
 MOST_SKIPPED = 8  # frames of a camera, whose driver may have kept as many
 
 
 class RowSource:
     """Frames of cameras in a row: of each camera, the one that is nearest in time to those of the
-    others; brightness and white balance follow those of the first camera.
+    others.
     """
 
     def __init__(self, sources: Sequence[FrameSource], tile_px: tuple[int, int]) -> None:
@@ -30,7 +25,6 @@ class RowSource:
         _, _, width, height = fit_area(first.size_px, tile_px)
         self._periods_ns = [round(1e9 / max(source.info.rate_hz, 1.0)) for source in sources]
         self._pictures = [np.empty((height, width, 3), np.uint8) for _ in sources]
-        self._gains = np.ones((len(sources), 3))
         sizes_px = {source.info.size_px for source in sources} - {(width, height)}
         scaled = [fit_note(size_px, (width, height)) for size_px in sorted(sizes_px)]
         notes = tuple(dict.fromkeys([*first.notes, *scaled]))
@@ -51,9 +45,7 @@ class RowSource:
         if len(known) < len(frames):
             return None
         for k, tile in enumerate(np.split(out, len(known), axis=1)):
-            self._match(k)
-            matched = cv2.multiply(self._pictures[k], np.append(self._gains[k], 1.0))
-            fitted(np.asarray(matched, np.uint8), tile)
+            fitted(self._pictures[k], tile)
         stamps = [frame.t_sensor_ns for frame in known]
         return attrs.evolve(known[0], packet=None, offset_ns=max(stamps) - min(stamps))
 
@@ -72,20 +64,6 @@ class RowSource:
 
         best = min(range(len(order)), key=spread_ns)
         return order[:best] if spread_ns(best) < spread_ns(0) - JITTER_NS else []
-
-    def _match(self, k: int) -> None:
-        """Follows the brightness of the first camera's channels."""
-        if k == 0:
-            return
-        left, right = (
-            cv2.resize(self._pictures[i], SMALL_PX, interpolation=cv2.INTER_AREA)
-            .reshape(-1, 3)
-            .mean(axis=0)
-            + 1.0
-            for i in (0, k)
-        )
-        gain = np.clip(left / right, 1 / LARGEST_GAIN, LARGEST_GAIN)
-        self._gains[k] += GAIN_SHARE * (gain - self._gains[k])
 
     def close(self) -> None:
         for source in self._sources:

@@ -19,8 +19,7 @@ from lfpipe.scene.optical_flow import FloatMap, Grey, robust_fit, textured
 SAMPLES = 800  # pixels of a frame that are compared
 TOLERANCE_PX = 0.5  # of the fit: flow beyond it is wrong or of a moving thing
 FAST_FRAMES = 60  # the mean of as many is taken at first; then it follows slowly
-EVERY, SLOW = 4, 0.04  # later, of so many frames one is measured; its share
-MEASURED = 5  # frames before it is applied
+SLOW = 0.04  # share of a later one
 
 
 class Alignment:
@@ -30,8 +29,8 @@ class Alignment:
         """start: as it was measured before."""
         self._middle = (width_px - 1) / 2, (height_px - 1) / 2
         self._fit = np.zeros(3)  # height px, rotation rad, scale - 1
-        self._seen = self.frames = 0
-        """Frames, and those with enough texture."""
+        self.frames = 0
+        """With enough texture."""
         if start is not None:
             turn = math.radians(start.rotation_deg)
             self._fit = np.array([start.height_px, turn, start.scale - 1])
@@ -42,9 +41,6 @@ class Alignment:
         """Adds a frame: the left view at half its size, and the flow to the aligned right one, in
         px of the full size.
         """
-        self._seen += 1
-        if self.frames > FAST_FRAMES and self._seen % EVERY:
-            return
         at = np.flatnonzero(textured(left))
         if len(at) < SAMPLES // 8:
             return
@@ -58,8 +54,7 @@ class Alignment:
         share = max(1 / self.frames, 1 / FAST_FRAMES if self.frames <= FAST_FRAMES else SLOW)
         # the flow was measured with what is applied already
         self._fit += share * (self._applied + rest - self._fit)
-        if self.frames >= MEASURED:
-            self._applied = self._fit.copy()
+        self._applied = self._fit.copy()
 
     def placement(self, swapped: bool) -> Placement:
         """Of the right camera against the left one."""
@@ -79,10 +74,6 @@ class Alignment:
         linear = np.array([[1 + scale, -turn], [turn, 1 + scale]])
         offset = np.array([x, y + height]) - linear @ (x, y)
         return np.column_stack([linear, offset]).astype(np.float32)
-
-    def apply(self, picture: NDArray[np.uint8], size: float = 1.0) -> NDArray[np.uint8]:
-        """A delivered right view, at `size` of its size, aligned."""
-        return aligned(picture, self.matrix, size)
 
 
 def aligned(

@@ -1,93 +1,53 @@
 """Disparity of neighbouring views of a live light field, frame by frame.
 
-Only the views in need are estimated, in pairs along the lines of the grid, by optical flow in both
-directions at half the resolution (dense inverse search, see `lfpipe.scene.optical_flow`). Each
-frame starts from the last one's result. The flow stops at a quarter of the resolution; least
-squares of the difference, along the line of the grid, take it to half.
+Only the views in need are estimated, in pairs along the lines of the grid, at half the resolution.
+Optical flow (dense inverse search, see `lfpipe.scene.optical_flow`) follows how two cameras stand
+and which disparities there are, now and then; semi-global matching (Hirschmueller 2008) finds them,
+every second row; then each pixel takes that of a neighbour if it fits better, and least squares
+find the rest.
 """
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Sequence
+from typing import Any
 
-import attrs
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import LiveSource
-from lfpipe.live.alignment import Alignment
-from lfpipe.live.records import Pair, View, cut, views_of
+from lfpipe.live.alignment import FAST_FRAMES, Alignment, aligned
+from lfpipe.live.colours import Colours, matched
+from lfpipe.live.records import (
+    RANGE_PERCENT,
+    Pair,
+    View,
+    cut,
+    disparity_record,
+    map_size,
+    views_of,
+)
 from lfpipe.scene.disparity import quantised
 from lfpipe.scene.optical_flow import FloatMap, Grey, grid_xy
 
-# Of dense inverse search: finest scale, stride of patches, descents, smoothings.
-FINE, COARSE = (1, 4, 6, 0), (2, 4, 16, 5)
-FINE_PAIRS = 2  # more, where the viewpoint is between two rows, take the coarse one
-PATCH_PX = 8
-# Of the refinement: passes; px by which one moves, for the picture is linear within them; squared
-# grey levels per px^2 below which a picture says little.
-PASSES, PASS_PX, FLATNESS = 2, 0.5, 8.0
-RETURN_PX = 1.0  # between the disparity of a point in both views, which agree
-# Between two frames, in grey levels: below, a pixel has not changed but for the camera's noise, and
-# KEPT of its last disparity remains, unless that differs by MOVED_PX.
-NOISE_LEVELS, KEPT, MOVED_PX = 6.0, 0.75, 1.0
-# Of a pair's pixels that agree: 0.74 to 1 were measured in pairs of ten light fields, up to 4 views
-# apart, and 0.02 to 0.34 in fifteen pairs of unrelated pictures.
-AGREE_SHARE = 0.5
+SEARCH_EVERY = 4  # one of so many frames is searched for flow
+# Of semi-global matching: side of a block; what a small and a large step cost in each of its
+# pixels; largest slope that is compared; disparities beyond those that flow has found; most of
+# them, and of how many there are multiples.
+BLOCK_PX, STEPS_COST, SLOPE_LEVELS = 3, (8, 32), 63
+MARGIN_PX, MOST, MULTIPLE = 2, 64, 16
+# Of the refinement: around a pixel, whose nearest and farthest disparities are tried; windows of
+# what fits, and of the least squares; grey levels by which another one must fit better.
+NEAR = np.ones((7, 3), np.uint8)
+FIT_PX, LEAST_PX, BETTER_LEVELS = (3, 3), (7, 7), 4
+# px by which least squares move one, for the picture is linear within them; squared grey levels per
+# px^2 below which a picture says little.
+STEP_PX, FLATNESS = 0.5, 30.0
+# Between the disparity of a point in both views, which agree; of a pair's points that agree.
+RETURN_PX, AGREE_SHARE = 0.5, 0.6
 # disparity of the nearest, and frames in a row below it, by which two cameras are swapped
 BEHIND_PX, BEHIND_FRAMES = -2.0, 30
-RANGE_PERCENT = (1.0, 99.0)  # of the disparities that count as farthest and nearest
-STEPS_PX = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)  # of stored disparity, which has 8 bits
-SMALLER_STEP = 0.7  # share of a smaller step's range that must suffice before it is used
-UNTURNED = np.eye(2, 3, dtype=np.float32)
-
-
-@attrs.frozen
-class Found:
-    """Disparity of views of one frame."""
-
-    maps: Mapping[View, NDArray[np.int8]]
-    """As in `LightField.disparity`, in steps of step_px."""
-    step_px: float
-    range_px: tuple[float, float]
-    """Farthest and nearest."""
-    positions: NDArray[np.float64] = attrs.field(factory=lambda: np.full((2, 2), np.nan))
-    """As in the record of disparity."""
-
-    @classmethod
-    def of(
-        cls, maps: Mapping[View, NDArray[np.int8]], step_px: float, positions: NDArray[np.float64]
-    ) -> "Found":
-        """Of known maps."""
-        sample = np.concatenate([one[::4, ::4].ravel() for one in maps.values()])
-        low, high = (np.percentile(sample, RANGE_PERCENT) * step_px).tolist()
-        return cls(maps, step_px, (low, high), positions)
-
-    def write(
-        self,
-        record: NDArray[np.void],
-        align: NDArray[np.float32] = UNTURNED,
-        swapped: bool = False,
-    ) -> NDArray[np.void]:
-        """Fills a record of disparity; returns it."""
-        record["count"] = len(self.maps)
-        record["scale_px"] = self.step_px
-        record["low_px"], record["high_px"] = self.range_px
-        record["positions"] = self.positions
-        record["align"] = align
-        record["swapped"] = swapped
-        for k, (view, disparity) in enumerate(self.maps.items()):
-            record["views"][k] = view
-            record["maps"][k] = disparity
-        return record
-
-
-class _PairState:
-    """The last frame of a pair of views."""
-
-    def __init__(self, flows: tuple[FloatMap, FloatMap]) -> None:
-        self.flows = flows
-        self.disparities: tuple[FloatMap, FloatMap] | None = None
-        self.greys: tuple[Grey, Grey] | None = None
+FINEST_PX, MOST_STEPS = 1 / 16, 127  # step of stored disparity, and of how many
 
 
 class Estimator:
@@ -96,41 +56,59 @@ class Estimator:
     def __init__(self, live: LiveSource, aligns: bool) -> None:
         """aligns: whether the views are those of two cameras, which may be turned."""
         self._live = live
-        self._engines = [_engine(*FINE), _engine(*COARSE)]
-        self._states: dict[Pair, _PairState] = {}
+        self._search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
+        small, large = (cost * BLOCK_PX**2 for cost in STEPS_COST)
+        self._matcher = cv2.StereoSGBM.create(
+            blockSize=BLOCK_PX,
+            P1=small,
+            P2=large,
+            preFilterCap=SLOPE_LEVELS,
+            mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
+        )
+        self._frames = 0
+        self._flows: dict[Pair, FloatMap] = {}  # of the last search
         placed = live.placement
         self.alignment = Alignment(live.width_px, live.height_px, placed) if aligns else None
         self.swapped = placed is not None and placed.swapped
         """Whether the left camera delivers the right view, as in the record of disparity."""
+        self.colours = Colours(live.cols)
         self.strange_frames = 0
         """In a row, whose views do not show one scene."""
-        self._agreement = 0.0  # of the last pair: share of its pixels that agree in both directions
         self._behind = 0  # frames in a row in which everything is behind infinity
-        self._step_px = STEPS_PX[1]
 
     def estimate(
         self, frame: NDArray[np.uint8], pairs: Sequence[Pair], coarse: bool = False
-    ) -> Found:
-        """Disparity of the views of some pairs in a frame, uint8 (height, width, 3) BGR."""
-        greys = {view: self._grey(frame, view) for view in views_of(pairs)}
-        engine = self._engines[coarse or len(pairs) > FINE_PAIRS]
+    ) -> NDArray[np.void]:
+        """The record of the disparity of some pairs of views in a frame, uint8 (height, width, 3)
+        BGR.
+        """
+        curves = self.colours.curves
+        smalls = {view: self._small(frame, view) for view in views_of(pairs)}
+        shown = {view: matched(small, curves[view[1]]) for view, small in smalls.items()}
         found: dict[View, FloatMap] = {}
         agreement = 0.0
         for pair in pairs:
             a, b = pair
-            both = self._pair(pair, greys[a], greys[b], engine)
-            for view, disparity in zip(pair, both, strict=True):
-                found.setdefault(view, disparity)
-            agreement = max(agreement, self._agreement)
+            da, db, share = self._pair(pair, _grey(shown[a]), _grey(shown[b]), coarse)
+            found = {a: da, b: db} | found
+            agreement = max(agreement, share)
+            if self._live.rows == 1 and not self._live.drawn:
+                self.colours.add(b[1], shown[a], _seen(smalls[b], np.float32(0.5) * da))
+        self._frames += 1
         self.strange_frames = self.strange_frames + 1 if agreement < AGREE_SHARE else 0
-        self._states = {pair: state for pair, state in self._states.items() if pair in pairs}
-        sample = np.concatenate([one[::4, ::4].ravel() for one in found.values()])
-        low, high = np.percentile(sample, RANGE_PERCENT).tolist()
-        self._set_step(max(abs(low), abs(high)))
+        if self.alignment is not None and self.strange_frames:
+            # forgets what it was measured from, down to a few frames
+            self.alignment.frames = (self.alignment.frames + 4) // 2
+        most_px = max(float(np.abs(disparity).max()) for disparity in found.values())
+        step_px = FINEST_PX * 2 ** max(math.ceil(math.log2(most_px / MOST_STEPS / FINEST_PX)), 0)
+        maps = {view: quantised(disparity, step_px) for view, disparity in found.items()}
+        record = disparity_record(self._live, maps, step_px)
+        record["curves"] = self.colours.curves
+        record["swapped"] = self.swapped
         if self.alignment is not None:
-            self._follow_order(high)
-        maps = {view: quantised(disparity, self._step_px) for view, disparity in found.items()}
-        return Found(maps, self._step_px, (low, high))
+            record["align"] = self.alignment.matrix
+            self._follow_order(float(record["high_px"]))
+        return record
 
     def _follow_order(self, nearest_px: float) -> None:
         """Exchanges two cameras that deliver each other's view: with parallel ones, nothing is
@@ -140,86 +118,94 @@ class Estimator:
         if self._behind == BEHIND_FRAMES:
             self.swapped = not self.swapped
             self.alignment = Alignment(self._live.width_px, self._live.height_px)
-            self._states.clear()
+            self.colours = Colours(self._live.cols)
+            self._flows.clear()
 
-    def _grey(self, frame: NDArray[np.uint8], view: View) -> Grey:
-        """A view in grey at half its size, aligned."""
+    def _small(self, frame: NDArray[np.uint8], view: View) -> NDArray[np.uint8]:
+        """A view at half its size, aligned."""
         live = self._live
-        size = (live.width_px + 1) // 2, (live.height_px + 1) // 2
-        view_px = cut(frame, live, view, self.swapped)
-        whole = cv2.cvtColor(view_px, cv2.COLOR_BGR2GRAY)
-        grey = np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA), np.uint8)
+        whole = cut(frame, live, view, self.swapped)
+        small = np.asarray(
+            cv2.resize(whole, map_size(live)[::-1], interpolation=cv2.INTER_AREA), np.uint8
+        )
         if self.alignment is not None and view[1] == live.cols - 1:
-            return self.alignment.apply(grey, 0.5)
-        return grey
+            return aligned(small, self.alignment.matrix, 0.5)
+        return small
 
-    def _pair(
-        self, pair: Pair, a: Grey, b: Grey, engine: cv2.DISOpticalFlow
-    ) -> tuple[FloatMap, FloatMap]:
-        zeros = np.zeros((*a.shape, 2), np.float32)
-        state = self._states.setdefault(pair, _PairState((zeros, zeros.copy())))
-        ahead, back = state.flows
-        ahead = np.asarray(engine.calc(a, b, ahead), np.float32)
-        back = np.asarray(engine.calc(b, a, back), np.float32)
-        state.flows = ahead, back
-        if self.alignment is not None:
-            self.alignment.add(a, 2 * ahead)
-        axis = 0 if pair[0][0] == pair[1][0] else 1
-        two = np.float32(2)
-        there, here = ahead[..., axis], back[..., axis]
-        if engine is self._engines[0]:
-            there, here = _refined(a, b, there, axis), _refined(b, a, here, axis)
-        da, db = -two * there, two * here
-        seen_by_a = _moved(db, there, axis)
-        self._agreement = float(np.mean(np.abs(da - seen_by_a)[::4, ::4] < RETURN_PX))
-        disparities = da, db
-        if state.disparities is not None and state.greys is not None:
-            disparities = (
-                _steadied(disparities[0], state.disparities[0], a, state.greys[0]),
-                _steadied(disparities[1], state.disparities[1], b, state.greys[1]),
+    def _pair(self, pair: Pair, a: Grey, b: Grey, coarse: bool) -> tuple[FloatMap, FloatMap, float]:
+        """Disparities of two views, and the share of the points of the first one that are found
+        again.
+        """
+        below = pair[0][1] == pair[1][1]
+        if below:
+            a, b = a.T.copy(), b.T.copy()
+        settling = self.alignment is not None and self.alignment.frames < FAST_FRAMES
+        if pair not in self._flows or settling or self._frames % SEARCH_EVERY == 0:
+            start = self._flows.get(pair, np.zeros((*a.shape, 2), np.float32))
+            self._flows[pair] = np.asarray(self._search.calc(a, b, start), np.float32)
+            if self.alignment is not None:
+                self.alignment.add(a, 2 * self._flows[pair])
+        low, high = np.percentile(-self._flows[pair][::4, ::4, 0], RANGE_PERCENT).tolist()
+        first = math.floor(low) - MARGIN_PX
+        count = MULTIPLE * math.ceil((high + MARGIN_PX - first) / MULTIPLE)
+        self._matcher.setMinDisparity(first)
+        self._matcher.setNumDisparities(min(count, MOST))
+        # without refinement, a doubtful value is better than none
+        self._matcher.setDisp12MaxDiff(MOST if coarse else 1)
+        da = self._matched(a, b, coarse)
+        db = self._matched(b[:, ::-1].copy(), a[:, ::-1].copy(), coarse)[:, ::-1].copy()
+        share = float(np.mean(np.abs(da - _seen(db, da))[::4, ::4] < RETURN_PX))
+        return (2 * da.T, 2 * db.T, share) if below else (2 * da, 2 * db, share)
+
+    def _matched(self, a: Grey, b: Grey, coarse: bool) -> FloatMap:
+        """Disparity of a picture whose neighbour b is to the right, in px of both."""
+        height, width = a.shape
+        low = self._matcher.getMinDisparity()
+        left, right = max(low + self._matcher.getNumDisparities(), 0), max(-low, 0)
+        lines = [
+            cv2.copyMakeBorder(
+                cv2.resize(one, (width, (height + 1) // 2), interpolation=cv2.INTER_AREA),
+                *(0, 0, left, right),
+                cv2.BORDER_REPLICATE,
             )
-        state.disparities, state.greys = disparities, (a, b)
-        return disparities
-
-    def _set_step(self, most_px: float) -> None:
-        """Follows the range of disparity; a smaller step only well within its range."""
-        fits = next((step for step in STEPS_PX if most_px <= 127 * step), STEPS_PX[-1])
-        if fits > self._step_px or most_px <= SMALLER_STEP * 127 * fits:
-            self._step_px = fits
-
-
-def _engine(finest: int, stride: int, descents: int, smoothings: int) -> cv2.DISOpticalFlow:
-    engine = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
-    engine.setFinestScale(finest)
-    engine.setPatchSize(PATCH_PX)
-    engine.setPatchStride(stride)
-    engine.setGradientDescentIterations(descents)
-    engine.setVariationalRefinementIterations(smoothings)
-    return engine
+            for one in (a, b)
+        ]
+        steps = cv2.medianBlur(self._matcher.compute(*lines)[:, left : left + width], 3)
+        disparity = np.asarray(
+            cv2.resize(steps.astype(np.float32) / 16, (width, height)), np.float32
+        )
+        return disparity if coarse else _refined(a, b, disparity)
 
 
-def _moved(picture: FloatMap, by_px: FloatMap, axis: int) -> FloatMap:
-    """A picture sampled by_px away along an axis; nothing beyond its border."""
-    xx, yy = grid_xy(*picture.shape)
-    x, y = (xx + by_px, yy) if axis == 0 else (xx, yy + by_px)
-    return np.asarray(cv2.remap(picture, x, y, cv2.INTER_LINEAR), np.float32)
+def _grey(picture: NDArray[np.uint8]) -> Grey:
+    return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8)
 
 
-def _refined(a: Grey, b: Grey, flow_px: FloatMap, axis: int) -> FloatMap:
-    """Flow from a to b along an axis, by least squares over 5x5 px (Lucas and Kanade 1981)."""
-    there = b.astype(np.float32)
-    slopes = np.asarray(cv2.Scharr(there, cv2.CV_32F, 1 - axis, axis, scale=1 / 32), np.float32)
-    for _ in range(PASSES):
-        slope = _moved(slopes, flow_px, axis)
-        wrong = a - _moved(there, flow_px, axis)
-        pull = cv2.blur(slope * wrong, (5, 5))
-        step_px = pull / (cv2.blur(slope * slope, (5, 5)) + np.float32(FLATNESS))
-        flow_px = flow_px + np.clip(step_px, -PASS_PX, PASS_PX)
-    return flow_px
+def _seen(picture: NDArray[Any], disparity: FloatMap) -> NDArray[Any]:
+    """What the neighbour to the right shows of each point."""
+    xx, yy = grid_xy(*disparity.shape)
+    at = xx - disparity
+    return cv2.remap(picture, at, yy, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
-def _steadied(new: FloatMap, last: FloatMap, grey: Grey, last_grey: Grey) -> FloatMap:
-    """New disparity, low-passed where the picture stands still, so that noise does not flicker."""
-    still = cv2.absdiff(grey, last_grey) <= NOISE_LEVELS
-    still &= np.abs(new - last) < MOVED_PX
-    return np.where(still, new + np.float32(KEPT) * (last - new), new)
+def _misfit(a: Grey, b: Grey, disparity: FloatMap) -> NDArray[np.uint16]:
+    return np.asarray(
+        cv2.boxFilter(cv2.absdiff(a, _seen(b, disparity)), cv2.CV_16U, FIT_PX, normalize=False),
+        np.uint16,
+    )
+
+
+def _refined(a: Grey, b: Grey, disparity: FloatMap) -> FloatMap:
+    """Disparity of neighbours where it fits better, and the least squares of what remains (Lucas
+    and Kanade 1981).
+    """
+    best, least = disparity.copy(), _misfit(a, b, disparity)
+    for extreme in (cv2.dilate, cv2.erode):
+        other = np.asarray(extreme(disparity, NEAR), np.float32)
+        misfit = _misfit(a, b, other) + np.uint16(BETTER_LEVELS)
+        cv2.copyTo(other, cv2.compare(misfit, least, cv2.CMP_LT), best)
+        cv2.min(least, misfit, least)
+    slope = cv2.Scharr(a, cv2.CV_32F, 1, 0, scale=1 / 32)
+    pull = cv2.blur(slope * cv2.subtract(_seen(b, best), a, dtype=cv2.CV_32F), LEAST_PX)
+    step_px = pull / (cv2.blur(slope * slope, LEAST_PX) + np.float32(FLATNESS))
+    return np.asarray(best + np.clip(step_px, -STEP_PX, STEP_PX), np.float32)

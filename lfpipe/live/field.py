@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from lfpipe.config import LiveSource, SceneSummary
 from lfpipe.eyes import low_pass_gain
 from lfpipe.live.alignment import aligned
-from lfpipe.live.records import View, cut, map_size
+from lfpipe.live.colours import matched
+from lfpipe.live.records import View, cut, disparity_dtype, map_size
 from lfpipe.scene.disparity import border_range
 from lfpipe.scene.lightfield import UNKNOWN, Disparity, DisparitySource, LightField, Manifest
 
@@ -45,8 +46,7 @@ class LiveViews:
         grid = live.rows, live.cols
         self._views = np.zeros((1, *grid, 3, live.height_px, live.width_px), np.uint8)
         self._maps = np.full((1, *grid, *map_size(live)), UNKNOWN, np.int8)
-        self._align = np.eye(2, 3, dtype=np.float32)
-        self._swapped = False
+        self._record = np.zeros((), disparity_dtype(live))
         self._greens: dict[View, NDArray[np.uint8]] = {}  # of the frame of the disparity
         self._range: tuple[float, ...] = ()  # low, high, low and high at the border
         self._t_ns = 0
@@ -80,8 +80,7 @@ class LiveViews:
         """Sets the disparity of a frame, which a later one may be shown with."""
         self._maps[:] = UNKNOWN
         self._greens.clear()
-        self._align = np.asarray(record["align"], np.float32)
-        self._swapped = bool(record["swapped"])
+        self._record = record.copy()
         for k in range(int(record["count"])):
             row, col = record["views"][k].tolist()
             self._maps[0, row, col] = record["maps"][k]
@@ -106,16 +105,18 @@ class LiveViews:
 
     def _green(self, frame: NDArray[np.uint8], view: View) -> NDArray[np.uint8]:
         """A view of a frame at the size of its map."""
-        rows, cols = map_size(self._live)
-        green = cut(frame, self._live, view, self._swapped)[..., 1]
-        return np.asarray(cv2.resize(green, (cols, rows), interpolation=cv2.INTER_AREA), np.uint8)
+        green = cut(frame, self._live, view, bool(self._record["swapped"]))[..., 1]
+        return np.asarray(
+            cv2.resize(green, map_size(self._live)[::-1], interpolation=cv2.INTER_AREA), np.uint8
+        )
 
     def _fill(self, frame: NDArray[np.uint8], views: Iterable[View]) -> None:
         two_cameras = self._live.rows * self._live.cols == 2
         for row, col in views:
-            picture = cut(frame, self._live, (row, col), self._swapped)
+            picture = cut(frame, self._live, (row, col), bool(self._record["swapped"]))
             if two_cameras and col == 1:
-                picture = aligned(picture, self._align)
+                picture = aligned(picture, self._record["align"])
+            picture = matched(picture, self._record["curves"][col])
             for channel in range(3):
                 cv2.extractChannel(picture, 2 - channel, self._views[0, row, col, channel])
 

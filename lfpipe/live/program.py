@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from lfpipe.config import LiveSource
 from lfpipe.errors import UserError
-from lfpipe.live.estimator import Found
-from lfpipe.live.records import View, eye_views
+from lfpipe.live.records import View, disparity_record, eye_views
 from lfpipe.live.shared_scene import MAX_SIDE_VIEWS, RING, attached, viewpoints_of
 from lfpipe.transport import ring
 from lfpipe.transport.clock import SECOND_NS, now_ns
@@ -48,7 +47,7 @@ class Program:
             self._viewpoints.begin()[...] = at
             self._viewpoints.publish(0, now_ns(), 0)
 
-    def found(self, stamp: Stamp, views: Iterable[View]) -> Found | None:
+    def found(self, stamp: Stamp, views: Iterable[View]) -> NDArray[np.void] | None:
         """Its disparity of views of a frame; None if it gives none, or what no program means."""
         reader = self._reader
         taken = reader.find(stamp.t_sensor_ns) if reader is not None else None
@@ -65,7 +64,8 @@ class Program:
         if np.isfinite(positions).all():
             views = eye_views(live)
         maps = {view: np.array(record["maps"][view]) for view in views}
-        found = Found.of(maps, step_px, positions)
+        found = disparity_record(live, maps, step_px)
+        found["positions"] = positions
         return found if reader.still_valid(slot) else None
 
     def close(self) -> None:

@@ -2,7 +2,7 @@
 views in need, and the viewpoints of the next picture.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,10 @@ VIEWPOINTS = np.dtype(
     ]
 )
 
+RANGE_PERCENT = (1.0, 99.0)  # of the disparities that count as farthest and nearest
+UNTURNED = np.eye(2, 3, dtype=np.float32)
+UNCHANGED = np.repeat(np.arange(256, dtype=np.uint8)[:, None], 3, axis=1)
+
 View = tuple[int, int]  # row, column
 Pair = tuple[View, View]  # neighbours, the second one right of the first, or below it
 
@@ -44,7 +48,8 @@ def disparity_dtype(live: LiveSource) -> np.dtype[np.void]:
     maps: as in `LightField.disparity`, in steps of scale_px; of views, the first `count` rows.
     positions: (row, col) of the left and the right eye, if the first two views were drawn for them,
     else NaN. swapped: whether the left one of two cameras delivers the right view. align: 2x3,
-    from a pixel of an aligned view of the last column to one of the delivered view.
+    from a pixel of an aligned view of the last column to one of the delivered view. curves: by
+    column, the value on show of each delivered one, BGR.
     """
     return np.dtype(
         [
@@ -55,10 +60,28 @@ def disparity_dtype(live: LiveSource) -> np.dtype[np.void]:
             ("align", "<f4", (2, 3)),
             ("positions", "<f8", (2, 2)),
             ("swapped", "<i4"),
+            ("curves", "u1", (live.cols, 256, 3)),
             ("views", "<i4", (MAX_VIEWS, 2)),
             ("maps", "i1", (MAX_VIEWS, *map_size(live))),
         ]
     )
+
+
+def disparity_record(
+    live: LiveSource, maps: Mapping[View, NDArray[np.int8]], step_px: float
+) -> NDArray[np.void]:
+    """A record of known maps."""
+    record = np.zeros((), disparity_dtype(live))
+    sample = np.concatenate([disparity[::4, ::4].ravel() for disparity in maps.values()])
+    record["count"] = len(maps)
+    record["scale_px"] = step_px
+    record["low_px"], record["high_px"] = np.percentile(sample, RANGE_PERCENT) * step_px
+    record["align"] = UNTURNED
+    record["positions"] = np.nan
+    record["curves"] = UNCHANGED
+    for k, (view, disparity) in enumerate(maps.items()):
+        record["views"][k], record["maps"][k] = view, disparity
+    return record
 
 
 def live_rings(live: LiveSource) -> dict[str, RingSpec]:

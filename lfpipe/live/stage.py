@@ -13,9 +13,9 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.live.estimator import UNTURNED, Estimator, Found
+from lfpipe.live.estimator import Estimator
 from lfpipe.live.program import Program
-from lfpipe.live.records import VIEWPOINTS, Pair, pairs_in_need, views_of
+from lfpipe.live.records import VIEWPOINTS, pairs_in_need, views_of
 from lfpipe.live.shared_scene import two_cameras
 from lfpipe.transport import ring
 from lfpipe.transport.clock import SECOND_NS, now_ns
@@ -62,7 +62,10 @@ class DisparityStage:
         found = self._found(stamp, frame, coarse=lowered > 1)
         if not self._views.still_valid(stamp):
             return
-        self._publish(stamp, found)
+        self._output.begin()[...] = found
+        self._output.publish(
+            stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind
+        )
         t_ns = now_ns()
         context.row.count_output(stamp.source_seq)
         context.row.record_latency(
@@ -71,10 +74,10 @@ class DisparityStage:
         context.row["cpu_ns"] = time.process_time_ns()
         self._report(t_ns)
 
-    def _found(self, stamp: Stamp, frame: NDArray[np.uint8], coarse: bool) -> Found:
+    def _found(self, stamp: Stamp, frame: NDArray[np.uint8], coarse: bool) -> NDArray[np.void]:
         fresh = self._viewpoints.read(self._at) is not None
         context = self._context
-        pairs = self._pairs()
+        pairs = pairs_in_need(self._live, [self._at[eye].tolist() for eye in ("left", "right")])
         if self._program is not None:
             if fresh:
                 self._program.tell(self._at)
@@ -87,20 +90,6 @@ class DisparityStage:
         if self._estimator.swapped != before:
             context.notify("the two cameras stand the other way round: views swapped")
         return found
-
-    def _pairs(self) -> list[Pair]:
-        return pairs_in_need(self._live, [self._at["left"].tolist(), self._at["right"].tolist()])
-
-    def _publish(self, stamp: Stamp, found: Found) -> None:
-        aligned = self._estimator.alignment
-        found.write(
-            self._output.begin(),
-            UNTURNED if aligned is None else aligned.matrix,
-            self._estimator.swapped,
-        )
-        self._output.publish(
-            stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind
-        )
 
     def _report(self, t_ns: int) -> None:
         aligned = self._estimator.alignment

@@ -1,9 +1,12 @@
 """A live light field drawn from formulas: `tests.render.rendered` as frames of a source."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import LiveSource
+from lfpipe.live.records import View
 from lfpipe.scene.lightfield import LightField
 
 
@@ -21,3 +24,10 @@ def frame_of(field: LightField) -> NDArray[np.uint8]:
     rows, cols, _, height, width = views.shape
     tiles = views[:, :, ::-1].transpose(0, 3, 1, 4, 2)
     return np.ascontiguousarray(tiles.reshape(rows * height, cols * width, 3))
+
+
+def maps_of(record: NDArray[np.void]) -> dict[View, NDArray[np.floating[Any]]]:
+    """The disparities of a record, px."""
+    count = int(record["count"])
+    maps = record["maps"][:count] * record["scale_px"]
+    return dict(zip(map(tuple, record["views"][:count].tolist()), maps, strict=True))

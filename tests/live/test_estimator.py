@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from lfpipe.live.alignment import Alignment, aligned
-from lfpipe.live.estimator import Estimator, Found
+from lfpipe.live.estimator import Estimator
 from lfpipe.live.records import MAX_VIEWS, cut, map_size, pairs_in_need, views_of
 from lfpipe.render.synthesis.viewpoint import view_weights
 from lfpipe.scene.lightfield import LightField
@@ -18,11 +19,11 @@ from tests.render import rendered
 PAIR = [((0, 0), (0, 1))]
 
 
-def exact_error_px(found: Found, view: tuple[int, int], field: LightField) -> float:
+def exact_error_px(found: NDArray[np.void], view: tuple[int, int], field: LightField) -> float:
     """Median difference to the exact disparity of a view."""
     assert field.disparity is not None
     exact = np.asarray(field.disparity[0][view]) * field.disparity_scale_px
-    return float(np.median(np.abs(found.maps[view] * found.step_px - exact)))
+    return float(np.median(np.abs(made.maps_of(found)[view] - exact)))
 
 
 @given(
@@ -54,13 +55,13 @@ def test_estimate_is_the_disparity_of_the_views(shape: tuple[int, int]) -> None:
     frame = made.frame_of(field)
     for coarse in (False, True):
         found = estimator.estimate(frame, pairs, coarse)
-        assert set(found.maps) == set(views_of(pairs))
-        for view, disparity in found.maps.items():
+        maps = made.maps_of(found)
+        assert set(maps) == set(views_of(pairs))
+        for view, disparity in maps.items():
             assert disparity.shape == map_size(live)
             assert exact_error_px(found, view, field) < 0.3
-    low, high = found.range_px
-    assert low == pytest.approx(field.disparity_min_px, abs=0.5)
-    assert high == pytest.approx(field.disparity_max_px, abs=0.5)
+    assert found["low_px"] == pytest.approx(field.disparity_min_px, abs=0.5)
+    assert found["high_px"] == pytest.approx(field.disparity_max_px, abs=0.5)
 
 
 def test_estimate_of_a_still_scene_flickers_less_than_the_camera() -> None:
@@ -73,7 +74,7 @@ def test_estimate_of_a_still_scene_flickers_less_than_the_camera() -> None:
     for _ in range(24):
         noisy = np.clip(frame + rng.normal(0, 2, frame.shape), 0, 255).astype(np.uint8)
         found = estimator.estimate(noisy, PAIR)
-        maps.append(found.maps[0, 0] * found.step_px)
+        maps.append(made.maps_of(found)[0, 0])
     still = np.median(np.std(maps[8:], axis=0))
     assert still < 0.12, "px: below what two noisy pictures determine"
 
@@ -144,7 +145,7 @@ def test_cameras_in_the_other_order_are_swapped() -> None:
     estimator = Estimator(live, aligns=True)
     for _ in range(40):
         found = estimator.estimate(other, PAIR)
-    assert estimator.swapped and found.range_px[1] > 0
+    assert estimator.swapped and found["high_px"] > 0
     right = Estimator(live, aligns=True)
     for _ in range(40):
         right.estimate(frame, PAIR)

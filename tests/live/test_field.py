@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from lfpipe.config import Config, LiveSource, Render
 from lfpipe.live.estimator import Estimator
 from lfpipe.live.field import LiveViews, summary_of
-from lfpipe.live.records import disparity_dtype, pairs_in_need
+from lfpipe.live.records import pairs_in_need
 from lfpipe.render.live_input import LiveInput
 from lfpipe.render.synthesis.compositor import Compositor
 from lfpipe.render.synthesis.scoring import psnr_db
@@ -24,14 +24,9 @@ MIDDLE = ((0.0, 0.5),)
 FRAME_NS = SECOND_NS // 30
 
 
-def record_of(
-    frame: NDArray[np.uint8], live: LiveSource, scale_px: float = 0.0
-) -> NDArray[np.void]:
+def record_of(frame: NDArray[np.uint8], live: LiveSource) -> NDArray[np.void]:
     """The record of a frame, as the disparity stage writes it."""
-    found = Estimator(live, aligns=False).estimate(frame, pairs_in_need(live, MIDDLE))
-    record = found.write(np.zeros((), disparity_dtype(live)))
-    record["scale_px"] = scale_px or found.step_px
-    return record
+    return Estimator(live, aligns=False).estimate(frame, pairs_in_need(live, MIDDLE))
 
 
 def scene(scale: float = 2.0) -> tuple[LightField, NDArray[np.uint8], LiveSource]:
