@@ -24,7 +24,7 @@ from lfpipe.render.synthesis.compositor import ViewRenderer
 from lfpipe.render.synthesis.scoring import psnr_db
 from lfpipe.scene.optical_flow import displaced
 
-SCALES, FRAMES = (0.5, 1.0), (16, 66)  # quick and full
+SCALES, FRAMES = (0.5, 1.0), (12, 48)  # quick and full
 FINER = 2  # px of the scene per px of a view
 COMPARED = 6  # the last frames
 BETWEEN = (0.25, 0.5, 0.75)  # views, from the left camera to the right one
@@ -146,7 +146,7 @@ def _exact(case: Case, frame: float, u: float) -> Float:
     return np.asarray(cv2.resize(drawn, case.size_px, interpolation=cv2.INTER_AREA), np.float32)
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=3)
 def _frames(case: Case, count: int) -> list[Frame]:
     """Frames of both cameras, side by side."""
     width, height = case.size_px
@@ -170,7 +170,7 @@ def _frames(case: Case, count: int) -> list[Frame]:
     return frames
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=3)
 def _wanted(case: Case, count: int) -> Float:
     """The exact views of the last frames: (frames, views, height, width, 3)."""
     numbers = range(count - COMPARED, count)
@@ -240,12 +240,12 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
     rows = []
     for title in QUICK if inputs.quick else CASES:
         case = attrs.evolve(CASES[title], scale=scale)
-        rows.append(Row(title, {name: _psnr(_off(name, case, count)) for name in METHODS}))
+        rows.append(Row(title, {name: _psnr(differences(name, case, count)) for name in METHODS}))
     columns = tuple(Column(name, name, "dB") for name in METHODS)
     yield Table("case", columns, tuple(rows), "PSNR of views at 1/4, 1/2 and 3/4 of the way")
 
 
-def _off(name: str, case: Case, count: int) -> Float:
+def differences(name: str, case: Case, count: int) -> Float:
     """By what the last views of a method differ."""
     take = METHODS[name](case)
     draws = [take(frame) for frame in _frames(case, count)][-COMPARED:]
@@ -258,10 +258,10 @@ def _psnr(off: Float) -> Value:
 
 
 def _prepare(name: str, case: Case, count: int) -> Prepared:
-    off = _off(name, case, count)
+    off = differences(name, case, count)
     metrics = {"rmse": Value(rms(off)), "psnr_db": _psnr(off)}
     for key, still in (("still", True), ("moving", False)):
         noisy = attrs.evolve(case, still=still, noise_levels=NOISE_DN)
-        metrics[key] = Value(float(np.std(_off(name, noisy, count), axis=0).mean()))
+        metrics[key] = Value(float(np.std(differences(name, noisy, count), axis=0).mean()))
     take, frames = METHODS[name](case), itertools.cycle(_frames(case, count))
     return metrics, lambda: {"cpu_ms": cpu_ms(lambda: take(next(frames)), count)}

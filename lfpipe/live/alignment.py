@@ -1,13 +1,17 @@
-"""Alignment of two cameras in a row: rotation, scale and height of the right one against the left
-one, from the vertical flow between their pictures.
+"""Alignment of two cameras in a row: how the right one stands against the left one, and how their
+lenses differ, from the vertical flow between their pictures.
 
 In aligned views, flow is horizontal. To first order, a camera that is turned by r about its axis,
-enlarges by 1 + e and points by h px lower adds the vertical flow
+points by h lower, enlarges by 1 + e, turns to the side by a and down by d, and whose lens bends by
+k, adds the vertical flow
 
-    v(x, y) = h + r * x + e * y,        x, y from the middle of the picture.
+    v(x, y) = h + r * x + y * (e + k * (x^2 + y^2) + a * x + d * y),
+
+x, y and v from the middle of the picture, in halves of its width.
 """
 
 import math
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -18,82 +22,78 @@ from lfpipe.scene.optical_flow import FloatMap, Grey, robust_fit, textured
 
 SAMPLES = 800  # pixels of a frame that are compared
 TOLERANCE_PX = 0.5  # of the fit: flow beyond it is wrong or of a moving thing
-FAST_FRAMES = 60  # the mean of as many is taken at first; then it follows slowly
-SLOW = 0.04  # share of a later one
+FAST_FRAMES = 20  # the mean of as many is taken at first
+LATER_SHARE = 0.3  # of a frame afterwards
+FIRM = np.eye(6)[3:]  # weighs k, a and d, of which a picture with little texture says nothing
 
 
 class Alignment:
     """Follows the alignment, frame by frame."""
 
-    def __init__(self, width_px: int, height_px: int, start: Placement | None = None) -> None:
+    def __init__(self, width_px: int, start: Placement | None = None) -> None:
         """start: as it was measured before."""
-        self._middle = (width_px - 1) / 2, (height_px - 1) / 2
-        self._fit = np.zeros(3)  # height px, rotation rad, scale - 1
+        self._half_px = width_px / 2
+        self.bend = np.zeros(6)
+        """h, r, e, k, a, d."""
         self.frames = 0
         """With enough texture."""
         if start is not None:
             turn = math.radians(start.rotation_deg)
-            self._fit = np.array([start.height_px, turn, start.scale - 1])
+            self.bend[:3] = start.height_px / self._half_px, turn, start.scale - 1
             self.frames = FAST_FRAMES
-        self._applied = self._fit.copy()
 
-    def add(self, left: Grey, flow_px: FloatMap) -> None:
-        """Adds a frame: the left view at half its size, and the flow to the aligned right one, in
-        px of the full size.
+    def add(self, left: Grey, lower_px: FloatMap) -> None:
+        """Adds a frame: the left view at half its size, and by how much its points lie lower in
+        the aligned right one, in px of the full size.
         """
         at = np.flatnonzero(textured(left))
         if len(at) < SAMPLES // 8:
             return
         at = at[:: max(1, len(at) // SAMPLES)]
-        y, x = np.divmod(at, left.shape[1])
-        matrix = np.column_stack(
-            [np.ones(len(at)), 2.0 * x - self._middle[0], 2.0 * y - self._middle[1]]
+        row, col = np.divmod(at, left.shape[1])
+        x, y = (2 * col + 1) / left.shape[1] - 1, (2 * row + 1 - left.shape[0]) / left.shape[1]
+        matrix = np.column_stack([np.ones(len(at)), x, y, y * (x**2 + y**2), y * x, y * y])
+        rest_px = robust_fit(
+            np.vstack([matrix, FIRM]),
+            np.append(lower_px.ravel()[at], np.zeros(len(FIRM))),
+            TOLERANCE_PX,
         )
-        rest = robust_fit(matrix, flow_px[..., 1].ravel()[at].astype(float), TOLERANCE_PX)
         self.frames += 1
-        share = max(1 / self.frames, 1 / FAST_FRAMES if self.frames <= FAST_FRAMES else SLOW)
-        # the flow was measured with what is applied already
-        self._fit += share * (self._applied + rest - self._fit)
-        self._applied = self._fit.copy()
+        share = 1 / self.frames if self.frames <= FAST_FRAMES else LATER_SHARE
+        # the flow was measured in a view that is aligned already
+        self.bend += share * rest_px / self._half_px
 
     def placement(self, swapped: bool) -> Placement:
         """Of the right camera against the left one."""
-        height_px, turn, larger = self._applied.tolist()
+        height, turn, larger = self.bend[:3].tolist()
         return Placement(
-            height_px=height_px,
+            height_px=height * self._half_px,
             rotation_deg=math.degrees(turn),
             scale=1 + larger,
             swapped=swapped,
         )
 
-    @property
-    def matrix(self) -> NDArray[np.float32]:
-        """From a pixel of the aligned right view to one of the delivered one: float32 (2, 3)."""
-        height, turn, scale = self._applied.tolist()
-        x, y = self._middle
-        linear = np.array([[1 + scale, -turn], [turn, 1 + scale]])
-        offset = np.array([x, y + height]) - linear @ (x, y)
-        return np.column_stack([linear, offset]).astype(np.float32)
+
+@lru_cache(maxsize=4)
+def _places(height: int, width: int, bend: bytes) -> tuple[FloatMap, FloatMap]:
+    """x and y in the delivered right view, float32 (height, width), of an aligned one's pixels."""
+    low, turn, larger, lens, across, down = np.frombuffer(bend).tolist()
+    half = width / 2
+    x = ((np.arange(width) + 0.5) / half - 1).astype(np.float32)
+    y = ((np.arange(height)[:, None] + 0.5 - height / 2) / half).astype(np.float32)
+    zoom = half * ((1 + larger + lens * x**2 + across * x) + (lens * y**2 + down * y))
+    x, y = zoom * x, zoom * y
+    return (
+        math.cos(turn) * x - math.sin(turn) * y + (half - 0.5),
+        math.sin(turn) * x + math.cos(turn) * y + (height / 2 - 0.5 + low * half),
+    )
 
 
-def aligned(
-    picture: NDArray[np.uint8], matrix: NDArray[np.float32], size: float = 1.0
-) -> NDArray[np.uint8]:
-    """A picture at `size` of its size, sampled by a matrix of `Alignment`; the border is
-    repeated.
-    """
-    if np.array_equal(matrix, np.eye(2, 3)):
+def aligned(picture: NDArray[np.uint8], bend: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """The right view of any size, aligned; the border is repeated. bend: that of `Alignment`."""
+    if not bend.any():
         return picture
-    scaled = matrix.copy()
-    # pixel centres: x of the small picture is (x + 0.5) / size - 0.5 of the full one
-    scaled[:, 2] = (matrix[:, 2] + (matrix[:, :2].sum(axis=1) - 1) * (0.5 / size - 0.5)) * size
+    places = _places(*picture.shape[:2], bend.tobytes())
     return np.asarray(
-        cv2.warpAffine(
-            picture,
-            scaled,
-            picture.shape[1::-1],
-            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-            borderMode=cv2.BORDER_REPLICATE,
-        ),
-        np.uint8,
+        cv2.remap(picture, *places, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.uint8
     )

@@ -1,8 +1,8 @@
 """Colours of cameras in a row: those of each follow the camera to its left.
 
 No two cameras expose and balance alike, nor have the same response. Of the points that two views
-show, the values in both are sorted, and equal ranks correspond: neither wrong disparity nor hidden
-points nor noise displace ranks by much.
+show, the values in both are sorted, and equal ranks correspond: neither inexact disparity nor noise
+displaces ranks by much.
 """
 
 import cv2
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from lfpipe.live.records import UNCHANGED
 
-EVERY_PX = 4  # of a view at half its size: pixels that are compared
 RANKS_PERCENT = np.linspace(2, 98, 13)
 # Of a frame in the levels: a drift is followed within 0.2 s; a step, of as many levels, at once.
 SHARE, STEP_LEVELS = 0.3, 8.0
@@ -29,13 +28,10 @@ class Colours:
         return np.clip(np.rint(self._levels), 0, 255).astype(np.uint8)
 
     def add(self, col: int, wanted: NDArray[np.uint8], found: NDArray[np.uint8]) -> None:
-        """Adds a frame: what that camera has found of each point, as it is; and what is wanted, the
-        view to its left in its final colours.
+        """Adds a frame: the values (n, 3) that that camera has found at some points, and what is
+        wanted, those of the camera to its left in its final colours.
         """
-        ranks = (
-            np.percentile(one[::EVERY_PX, ::EVERY_PX].reshape(-1, 3), RANKS_PERCENT, axis=0).T
-            for one in (found, wanted)
-        )
+        ranks = (np.percentile(one, RANKS_PERCENT, axis=0).T for one in (found, wanted))
         # black is black, and what is brighter than all is so by the gain of the brightest
         curves = [
             np.interp(UNCHANGED[:, 0], [0, *was, 255], [0, *to, to[-1] * 255 / max(was[-1], 1)])

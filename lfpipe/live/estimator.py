@@ -28,7 +28,7 @@ from lfpipe.live.records import (
     views_of,
 )
 from lfpipe.scene.disparity import quantised
-from lfpipe.scene.optical_flow import FloatMap, Grey, grid_xy
+from lfpipe.scene.optical_flow import FloatMap, Grey, Mask, grid_xy
 
 SEARCH_EVERY = 4  # one of so many frames is searched for flow
 # Of semi-global matching: side of a block; what a small and a large step cost in each of its
@@ -43,6 +43,7 @@ FIT_PX, LEAST_PX, BETTER_LEVELS = (3, 3), (7, 7), 4
 # px by which least squares move one, for the picture is linear within them; squared grey levels per
 # px^2 below which a picture says little.
 STEP_PX, FLATNESS = 0.5, 30.0
+SAMPLE = np.s_[::4, ::4]  # pixels that stand for all
 # Between the disparity of a point in both views, which agree; of a pair's points that agree.
 RETURN_PX, AGREE_SHARE = 0.5, 0.6
 # disparity of the nearest, and frames in a row below it, by which two cameras are swapped
@@ -68,7 +69,7 @@ class Estimator:
         self._frames = 0
         self._flows: dict[Pair, FloatMap] = {}  # of the last search
         placed = live.placement
-        self.alignment = Alignment(live.width_px, live.height_px, placed) if aligns else None
+        self.alignment = Alignment(live.width_px, placed) if aligns else None
         self.swapped = placed is not None and placed.swapped
         """Whether the left camera delivers the right view, as in the record of disparity."""
         self.colours = Colours(live.cols)
@@ -89,24 +90,28 @@ class Estimator:
         agreement = 0.0
         for pair in pairs:
             a, b = pair
-            da, db, share = self._pair(pair, _grey(shown[a]), _grey(shown[b]), coarse)
+            da, db, agree = self._pair(pair, shown[a], shown[b], coarse)
             found = {a: da, b: db} | found
-            agreement = max(agreement, share)
-            if self._live.rows == 1 and not self._live.drawn:
-                self.colours.add(b[1], shown[a], _seen(smalls[b], np.float32(0.5) * da))
+            agreement = max(agreement, float(agree.mean()))
+            if agreement > AGREE_SHARE and self._live.rows == 1 and not self._live.drawn:
+                self.colours.add(
+                    b[1],
+                    wanted=shown[a][SAMPLE][agree],
+                    found=_seen(smalls[b], np.float32(0.5) * da)[SAMPLE][agree],
+                )
         self._frames += 1
         self.strange_frames = self.strange_frames + 1 if agreement < AGREE_SHARE else 0
         if self.alignment is not None and self.strange_frames:
             # forgets what it was measured from, down to a few frames
             self.alignment.frames = (self.alignment.frames + 4) // 2
         most_px = max(float(np.abs(disparity).max()) for disparity in found.values())
-        step_px = FINEST_PX * 2 ** max(math.ceil(math.log2(most_px / MOST_STEPS / FINEST_PX)), 0)
+        step_px = FINEST_PX * 2 ** math.ceil(math.log2(max(most_px / MOST_STEPS / FINEST_PX, 1)))
         maps = {view: quantised(disparity, step_px) for view, disparity in found.items()}
         record = disparity_record(self._live, maps, step_px)
         record["curves"] = self.colours.curves
         record["swapped"] = self.swapped
         if self.alignment is not None:
-            record["align"] = self.alignment.matrix
+            record["bend"] = self.alignment.bend
             self._follow_order(float(record["high_px"]))
         return record
 
@@ -117,35 +122,38 @@ class Estimator:
         self._behind = self._behind + 1 if nearest_px < BEHIND_PX else 0
         if self._behind == BEHIND_FRAMES:
             self.swapped = not self.swapped
-            self.alignment = Alignment(self._live.width_px, self._live.height_px)
+            self.alignment = Alignment(self._live.width_px)
             self.colours = Colours(self._live.cols)
             self._flows.clear()
 
     def _small(self, frame: NDArray[np.uint8], view: View) -> NDArray[np.uint8]:
         """A view at half its size, aligned."""
-        live = self._live
-        whole = cut(frame, live, view, self.swapped)
-        small = np.asarray(
-            cv2.resize(whole, map_size(live)[::-1], interpolation=cv2.INTER_AREA), np.uint8
+        small = cv2.resize(
+            cut(frame, self._live, view, self.swapped),
+            map_size(self._live)[::-1],
+            interpolation=cv2.INTER_AREA,
         )
-        if self.alignment is not None and view[1] == live.cols - 1:
-            return aligned(small, self.alignment.matrix, 0.5)
-        return small
+        if self.alignment is not None and view[1] == self._live.cols - 1:
+            small = aligned(np.asarray(small, np.uint8), self.alignment.bend)
+        return np.asarray(small, np.uint8)
 
-    def _pair(self, pair: Pair, a: Grey, b: Grey, coarse: bool) -> tuple[FloatMap, FloatMap, float]:
-        """Disparities of two views, and the share of the points of the first one that are found
-        again.
+    def _pair(
+        self, pair: Pair, left: NDArray[np.uint8], right: NDArray[np.uint8], coarse: bool
+    ) -> tuple[FloatMap, FloatMap, Mask]:
+        """Disparities of two views, and which pixels of SAMPLE of the first one have the same in
+        both.
         """
-        below = pair[0][1] == pair[1][1]
-        if below:
+        a, b = (
+            np.asarray(cv2.cvtColor(one, cv2.COLOR_BGR2GRAY), np.uint8) for one in (left, right)
+        )
+        if below := pair[0][1] == pair[1][1]:
             a, b = a.T.copy(), b.T.copy()
         settling = self.alignment is not None and self.alignment.frames < FAST_FRAMES
-        if pair not in self._flows or settling or self._frames % SEARCH_EVERY == 0:
+        due = pair not in self._flows or settling or self._frames % SEARCH_EVERY == 0
+        if due:
             start = self._flows.get(pair, np.zeros((*a.shape, 2), np.float32))
             self._flows[pair] = np.asarray(self._search.calc(a, b, start), np.float32)
-            if self.alignment is not None:
-                self.alignment.add(a, 2 * self._flows[pair])
-        low, high = np.percentile(-self._flows[pair][::4, ::4, 0], RANGE_PERCENT).tolist()
+        low, high = np.percentile(-self._flows[pair][SAMPLE][..., 0], RANGE_PERCENT).tolist()
         first = math.floor(low) - MARGIN_PX
         count = MULTIPLE * math.ceil((high + MARGIN_PX - first) / MULTIPLE)
         self._matcher.setMinDisparity(first)
@@ -154,8 +162,12 @@ class Estimator:
         self._matcher.setDisp12MaxDiff(MOST if coarse else 1)
         da = self._matched(a, b, coarse)
         db = self._matched(b[:, ::-1].copy(), a[:, ::-1].copy(), coarse)[:, ::-1].copy()
-        share = float(np.mean(np.abs(da - _seen(db, da))[::4, ::4] < RETURN_PX))
-        return (2 * da.T, 2 * db.T, share) if below else (2 * da, 2 * db, share)
+        agree = np.abs(da - _seen(db, da))[SAMPLE] < RETURN_PX
+        if due and self.alignment is not None:
+            # flow finds how far lines are from each other that do not match yet, coarsely
+            lower = self._flows[pair][..., 1] if settling else -_rest(a, b, da, (0, 1))
+            self.alignment.add(a, 2 * lower)
+        return (2 * da.T, 2 * db.T, agree) if below else (2 * da, 2 * db, agree)
 
     def _matched(self, a: Grey, b: Grey, coarse: bool) -> FloatMap:
         """Disparity of a picture whose neighbour b is to the right, in px of both."""
@@ -177,10 +189,6 @@ class Estimator:
         return disparity if coarse else _refined(a, b, disparity)
 
 
-def _grey(picture: NDArray[np.uint8]) -> Grey:
-    return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8)
-
-
 def _seen(picture: NDArray[Any], disparity: FloatMap) -> NDArray[Any]:
     """What the neighbour to the right shows of each point."""
     xx, yy = grid_xy(*disparity.shape)
@@ -196,16 +204,19 @@ def _misfit(a: Grey, b: Grey, disparity: FloatMap) -> NDArray[np.uint16]:
 
 
 def _refined(a: Grey, b: Grey, disparity: FloatMap) -> FloatMap:
-    """Disparity of neighbours where it fits better, and the least squares of what remains (Lucas
-    and Kanade 1981).
-    """
+    """Disparity of neighbours where it fits better, and what remains."""
     best, least = disparity.copy(), _misfit(a, b, disparity)
     for extreme in (cv2.dilate, cv2.erode):
         other = np.asarray(extreme(disparity, NEAR), np.float32)
         misfit = _misfit(a, b, other) + np.uint16(BETTER_LEVELS)
         cv2.copyTo(other, cv2.compare(misfit, least, cv2.CMP_LT), best)
         cv2.min(least, misfit, least)
-    slope = cv2.Scharr(a, cv2.CV_32F, 1, 0, scale=1 / 32)
-    pull = cv2.blur(slope * cv2.subtract(_seen(b, best), a, dtype=cv2.CV_32F), LEAST_PX)
+    return best + _rest(a, b, best, (1, 0))
+
+
+def _rest(a: Grey, b: Grey, disparity: FloatMap, along: tuple[int, int]) -> FloatMap:
+    """By what disparity along x or y differs, by least squares (Lucas and Kanade 1981)."""
+    slope = cv2.Scharr(a, cv2.CV_32F, *along, scale=1 / 32)
+    pull = cv2.blur(slope * cv2.subtract(_seen(b, disparity), a, dtype=cv2.CV_32F), LEAST_PX)
     step_px = pull / (cv2.blur(slope * slope, LEAST_PX) + np.float32(FLATNESS))
-    return np.asarray(best + np.clip(step_px, -STEP_PX, STEP_PX), np.float32)
+    return np.asarray(np.clip(step_px, -STEP_PX, STEP_PX), np.float32)

@@ -115,7 +115,7 @@ class LiveViews:
         for row, col in views:
             picture = cut(frame, self._live, (row, col), bool(self._record["swapped"]))
             if two_cameras and col == 1:
-                picture = aligned(picture, self._record["align"])
+                picture = aligned(picture, self._record["bend"])
             picture = matched(picture, self._record["curves"][col])
             for channel in range(3):
                 cv2.extractChannel(picture, 2 - channel, self._views[0, row, col, channel])

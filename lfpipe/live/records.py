@@ -30,7 +30,6 @@ VIEWPOINTS = np.dtype(
 )
 
 RANGE_PERCENT = (1.0, 99.0)  # of the disparities that count as farthest and nearest
-UNTURNED = np.eye(2, 3, dtype=np.float32)
 UNCHANGED = np.repeat(np.arange(256, dtype=np.uint8)[:, None], 3, axis=1)
 
 View = tuple[int, int]  # row, column
@@ -47,8 +46,8 @@ def disparity_dtype(live: LiveSource) -> np.dtype[np.void]:
 
     maps: as in `LightField.disparity`, in steps of scale_px; of views, the first `count` rows.
     positions: (row, col) of the left and the right eye, if the first two views were drawn for them,
-    else NaN. swapped: whether the left one of two cameras delivers the right view. align: 2x3,
-    from a pixel of an aligned view of the last column to one of the delivered view. curves: by
+    else NaN. swapped: whether the left one of two cameras delivers the right view. bend: of
+    an `Alignment`, for views of the last column. curves: by
     column, the value on show of each delivered one, BGR.
     """
     return np.dtype(
@@ -57,7 +56,7 @@ def disparity_dtype(live: LiveSource) -> np.dtype[np.void]:
             ("scale_px", "<f4"),
             ("low_px", "<f4"),
             ("high_px", "<f4"),
-            ("align", "<f4", (2, 3)),
+            ("bend", "<f8", (6,)),
             ("positions", "<f8", (2, 2)),
             ("swapped", "<i4"),
             ("curves", "u1", (live.cols, 256, 3)),
@@ -76,7 +75,6 @@ def disparity_record(
     record["count"] = len(maps)
     record["scale_px"] = step_px
     record["low_px"], record["high_px"] = np.percentile(sample, RANGE_PERCENT) * step_px
-    record["align"] = UNTURNED
     record["positions"] = np.nan
     record["curves"] = UNCHANGED
     for k, (view, disparity) in enumerate(maps.items()):

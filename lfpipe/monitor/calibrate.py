@@ -31,7 +31,7 @@ def placement_of(live: LiveSource, config: Config) -> Placement:
             if source.read(frame) is None:
                 break
             estimator.estimate(frame, pair)
-            if estimator.alignment.frames >= FAST_FRAMES:
+            if estimator.alignment.frames >= 2 * FAST_FRAMES:
                 return estimator.alignment.placement(estimator.swapped)
     raise UserError(
         f"{live.source}: too little is seen in both views",

@@ -7,7 +7,7 @@ import attrs
 import numpy as np
 import pytest
 
-from lfpipe.bench import paper_loop, pipeline, stability, synthesis, tracker
+from lfpipe.bench import live, paper_loop, pipeline, stability, synthesis, tracker
 from lfpipe.bench.inputs import FrameSequence, demo_sequence, read_sequence
 from lfpipe.bench.results import Results
 from lfpipe.bench.runner import Variant
@@ -164,3 +164,19 @@ def test_a_sequence_is_read_frame_by_frame_and_a_recorded_one_will_do(tmp_path: 
     whole = read_sequence(demo_sequence(tmp_path, 0.1), 40)
     frames = list(whole.frames())
     assert whole.count == len(frames) == 40 and frames[3].any() and (frames[3] != frames[4]).any()
+
+
+def test_live_cases_have_exact_views_and_a_camera_that_is_darker_costs_little() -> None:
+    case = live.Case(simple=True, scale=0.4)
+    same, darker, peer = (
+        float(np.mean(live.differences(name, attrs.evolve(case, response=response), 10) ** 2))
+        for name, response in (
+            ("lfpipe", case.response),
+            ("lfpipe", lambda values: 0.75 * values),
+            ("DIS", lambda values: 0.75 * values),
+        )
+    )
+    assert same < darker < 1.26 * same, "at most 1 dB"
+    assert peer > 2 * darker
+    near = attrs.evolve(case, baseline=0.0)
+    assert live.differences("cross-fade", near, 6).std() < 0.5, "one place, one view"

@@ -116,7 +116,7 @@ def test_alignment_finds_how_the_right_camera_is_turned(
     first = again.estimate(frame, PAIR)
     assert exact_error_px(first, (0, 0), field) < 0.5, "aligned from the first frame on"
     assert exact_error_px(found, (0, 0), field) < 0.5
-    straight = aligned(right, estimator.alignment.matrix)
+    straight = aligned(right, estimator.alignment.bend)
     inside = np.s_[40:-40, 40:-40]
     error = np.abs(straight[inside].astype(int) - made.frame_of(field)[:, 320:][inside])
     assert np.median(error) < 12
@@ -128,12 +128,11 @@ def test_alignment_of_cameras_in_a_row_changes_nothing() -> None:
     for _ in range(20):
         estimator.estimate(made.frame_of(field), PAIR)
     assert estimator.alignment is not None
-    corners = np.array([[0, 0, 1], [319, 0, 1], [0, 239, 1], [319, 239, 1]], float)
-    moved = corners @ estimator.alignment.matrix.T - corners[:, :2]
-    assert np.abs(moved).max() < 0.75, "px"
-    empty = Alignment(64, 48)
-    empty.add(np.zeros((24, 32), np.uint8), np.zeros((24, 32, 2), np.float32))
-    np.testing.assert_array_equal(empty.matrix, np.eye(2, 3, dtype=np.float32))
+    ramp = np.tile(np.arange(80, 240, dtype=np.uint8), (240, 2))[:, :320]
+    assert np.abs(estimator.alignment.bend).max() * 160 < 0.75, "px"
+    empty = Alignment(64)
+    empty.add(np.zeros((24, 32), np.uint8), np.zeros((24, 32), np.float32))
+    assert aligned(ramp, empty.bend) is ramp
 
 
 def test_cameras_in_the_other_order_are_swapped() -> None:
