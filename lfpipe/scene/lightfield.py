@@ -194,7 +194,6 @@ class LightField:
         views: NDArray[np.uint8],
         disparity: NDArray[np.int8] | None,
         folder: str = "",
-        hold: Callable[[], object] | None = None,
     ) -> Self:
         """The light field of a pack's arrays and manifest."""
         grid = manifest.rows, manifest.cols
@@ -215,7 +214,6 @@ class LightField:
             method=manifest.method,
             manifest=manifest,
             folder=folder,
-            hold=hold,
             border_px=(about.border_low_px, about.border_high_px),
         )
 

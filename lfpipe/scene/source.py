@@ -90,15 +90,6 @@ class SceneSource:
     notes: tuple[str, ...] = ()  # for people, one sentence each
     playlist: tuple[Path, ...] = ()  # scenes beside each other, of which this is the first
 
-    def __attrs_post_init__(self) -> None:
-        """Raises ValueError for a scene without a view or pixels."""
-        counts = (self.frames, self.rows, self.cols, self.height_px, self.width_px, self.max_value)
-        if min(counts) < 1 or len(self.missing) >= self.rows * self.cols:
-            raise ValueError(
-                f"{self.frames} frames of {self.rows}x{self.cols} views, {len(self.missing)} of"
-                f" them missing, {self.width_px}x{self.height_px} px, values to {self.max_value}"
-            )
-
     @property
     def places(self) -> list[ViewIndex]:
         """The indices of present views, row by row."""
@@ -111,11 +102,6 @@ class SceneSource:
             self.places,
             key=lambda place: abs(place[0] - self.rows // 2) + abs(place[1] - self.cols // 2),
         )
-
-    @property
-    def bit_depth(self) -> int:
-        """Number of bits of the source's values."""
-        return self.max_value.bit_length()
 
 
 @attrs.frozen

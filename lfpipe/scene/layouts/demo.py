@@ -1,11 +1,9 @@
 """The demo scenes, rendered view by view: only a name and a size are stored."""
 
 from functools import lru_cache, partial
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.files.untrusted import json_fields
@@ -46,9 +44,6 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
             cv2.resize(picture, sides, interpolation=cv2.INTER_AREA), np.uint8
         ), np.asarray(small, np.float32)
 
-    def read(_frame: int, row: int, col: int) -> NDArray[Any]:
-        return view(row, col)[0]
-
     geometry = Geometry(
         # offset = baseline * focal length * width / (focus distance * sensor width),
         # as in the HCI benchmark's tools
@@ -66,7 +61,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         files=(path,),
         rows=GRID,
         cols=GRID,
-        read=read,
+        read=lambda frame, row, col: view(row, col)[0],
         height_px=size_px,
         width_px=size_px,
         turn=GridTransform(),
