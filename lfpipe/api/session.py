@@ -33,11 +33,11 @@ from lfpipe.scene.lightfield import LightField
 from lfpipe.supervisor.rundir import find
 from lfpipe.track.head import HeadEstimator
 from lfpipe.transport import control
+from lfpipe.transport.clock import POLL_S
 from lfpipe.transport.ring import Reader, Stamp
 from lfpipe.transport.status import State
 
 CHECK = "check this machine with `lfpipe doctor`"
-LOOK_S = 0.001  # between two polls of a ring
 STOPPED = (0, -signals.END, 128 + signals.END)  # exit codes of a session that did not fail
 START_S = 600.0  # a scene may be packed first
 _PARAMETERS = {  # what a command's messages call them, and what replaces it
@@ -173,7 +173,7 @@ class Attachment:
                     f"session {self.name!r} sent nothing new for {timeout_s:g} s",
                     "see why with `lfpipe monitor`",
                 )
-            time.sleep(LOOK_S)
+            time.sleep(POLL_S)
         return stamp
 
     def status(self) -> dict[str, Any]:

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 from lfpipe.capture.frame_source import Frame, SourceInfo
 from lfpipe.errors import UserError
 from lfpipe.live.shared_scene import attached, has_writer
-from lfpipe.transport.clock import SECOND_NS, now_ns
+from lfpipe.transport.clock import POLL_S, SECOND_NS, now_ns
 from lfpipe.transport.ring import StampKind
 
-LOOK_S = 0.001  # between two polls: the program wakes nobody
 WAIT_NS = SECOND_NS // 2  # until a timeout, before which the writer's end is noticed
 RATE_HZ = 1.0  # that it draws at least: more slowly, it counts as stalled for a while
 
@@ -55,7 +54,7 @@ class RingSource:
                     return Frame(
                         self._next_seq - 1, stamp.t_sensor_ns, t_read_ns, stamp=StampKind.READ
                     )
-            time.sleep(LOOK_S)
+            time.sleep(POLL_S)
         if not has_writer(self._name):
             raise UserError(f"ring:{self._name}: its program has ended", "start it again")
         raise TimeoutError

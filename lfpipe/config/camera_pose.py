@@ -16,9 +16,9 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.config.tree import Config
+from lfpipe.config.tree import Config, options
 
-MIN_Z_MM = 50.0  # eyes are never nearer to the screen
+MIN_Z_MM = options()["screen.distance_mm"].low
 
 
 def camera_focal_px(config: Config, frame_width_px: int) -> float:

@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageFile, TiffImagePlugin
+from PIL.ExifTags import Base
 
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import open_file
@@ -28,7 +29,6 @@ MAX_PICTURES = 4096  # in one file: 64x64 views
 FORMATS = ("JPEG", "PNG", "PPM", "BMP", "TIFF", "WEBP", "AVIF", "GIF", "HEIF")
 _HEIC = re.compile(rb"....ftyp(hei|hev|mif1|msf1)", re.DOTALL)
 _GREY = ("1", "L", "I", "I;16", "I;16B", "I;16L")  # Pillow's modes of one sample per pixel
-_ORIENTATION = 0x0112  # EXIF's tag
 _MP_ENTRIES, _MP_NUMBER = 0xB002, 0xB101  # tags of a JPEG's index (CIPA DC-007)
 _JPS = b"_JPSJPS_"  # begins the segment that describes a stereo JPEG
 STRIP_ROWS = 256  # of a picture, which are converted at a time: a second copy is spared
@@ -174,13 +174,13 @@ def _header(image: ImageFile.ImageFile) -> Header:
     turn = 1
     width, height = image.size
     if isinstance(image, TiffImagePlugin.TiffImageFile):
-        turn = int(image.tag_v2.get(_ORIENTATION, 1))
+        turn = int(image.tag_v2.get(Base.Orientation, 1))
         width, height = (int(image.tag_v2[tag]) for tag in (256, 257))  # as stored
     else:
         with contextlib.suppress(Exception):  # damaged: the picture is shown as stored
             exif = Image.Exif()  # `image.getexif` would decode a PNG
             exif.load(image.info.get("exif", b""))
-            turn = int(exif.get(_ORIENTATION, 1))
+            turn = int(exif.get(Base.Orientation, 1))
     segments = getattr(image, "applist", ())
     jps = next((data for _, data in segments if data.startswith(_JPS)), b"")
     alpha = image.mode.endswith(("A", "a")) or "transparency" in image.info
@@ -333,7 +333,9 @@ def _as_stored(file: IO[bytes], turn: int) -> bytes:
     file.seek(0)
     data = file.read(2 * MAX_DECODING_BYTES)  # which no TIFF of one picture exceeds
     order: Literal["little", "big"] = "little" if data.startswith(b"II") else "big"
-    tag = b"".join(number.to_bytes(2, order) for number in (_ORIENTATION, 3))  # 3: two bytes each
+    tag = b"".join(
+        number.to_bytes(2, order) for number in (Base.Orientation, 3)
+    )  # 3: two bytes each
     tag += (1).to_bytes(4, order)
     return data.replace(tag + turn.to_bytes(2, order), tag + (1).to_bytes(2, order), 1)
 

@@ -32,7 +32,7 @@ _DESCENTS = 8  # steps that a patch needs from a distant start
 _DESCENTS_NEAR = 3  # steps that it needs from a start that is nearly right
 _RETURN_PX, _RETURN_SHARE = 0.5, 0.1  # tolerance of flow followed back: px, and share of the way
 _FIT_ROUNDS = 6  # of a robust fit: weights hardly change afterwards
-_LUMA = np.array([[0.299, 0.587, 0.114]], np.float32)  # BT.601, as in OpenCV
+LUMA = (0.299, 0.587, 0.114)  # BT.601, as in OpenCV
 LOOK_PX = 1 << 17  # pixels of a view, enough to determine order and fit
 _DARK = 0.2  # views with a lower mean are brightened
 _here = threading.local()  # flow engines of each thread
@@ -160,7 +160,9 @@ def grey_views(source: SceneSource, most_px: float = LOOK_PX) -> Callable[[int, 
         picture = source.read(source.telling, row, col)
         if scale < 1:
             picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-        plane = picture if picture.ndim == 2 else cv2.transform(picture, _LUMA)
+        plane = (
+            picture if picture.ndim == 2 else cv2.transform(picture, np.array([LUMA], np.float32))
+        )
         return np.asarray(
             np.minimum(plane.astype(np.float32) * np.float32(1 / source.max_value), 1), np.float32
         )

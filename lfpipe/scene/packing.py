@@ -74,7 +74,7 @@ T = TypeVar("T")
 Score = Callable[[LightField], MethodScores]
 _BUFFER_BYTES = 200_000_000  # for views that are processed at the same time
 _INTERIM_PX = 1 / 64  # step of the interim int16 maps, until the range of the whole scene is known
-_UNKNOWN = -32768  # in the interim maps: UNKNOWN
+_UNKNOWN = int(np.iinfo(np.int16).min)  # in the interim maps: UNKNOWN
 
 
 def pack_scene(

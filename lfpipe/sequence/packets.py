@@ -34,7 +34,10 @@ from lfpipe.host.files import CREATING, exists
 
 PACKETS, INDEX = "frames.bin", "frames.jsonl"
 CODECS = ("jpeg", "png", "raw", "eyes")
-MAX_PIXELS = MAX_DECODING_BYTES // 6  # of a frame; `picture_of` decodes no more; 8K: 33 million
+# bytes per pixel: imdecode needs two pictures, a progressive JPEG two bytes for each coefficient
+_PICTURE_BYTES, _PROGRESSIVE_BYTES = 6, 12
+# of a frame; `picture_of` decodes no more; 8K: 33 million
+MAX_PIXELS = MAX_DECODING_BYTES // _PICTURE_BYTES
 HEADER_BYTES = 1 << 20  # a packet is at most as large as the raw frame, plus headers
 PACKET_BYTES = 3 * MAX_PIXELS + HEADER_BYTES
 EYES_BYTES = 4096  # of a packet of eyes: as JSON it takes forty times as much; one of ours has 400
@@ -44,8 +47,6 @@ MAX_PACKETS = 1 << 20  # 9.7 hours at 30 Hz; each takes 65 bytes of memory
 LINE_BYTES = 1024  # one of ours has some 150
 COPY = "copy the whole folder again from where it was recorded"
 REPAIR = "copy the frames before it with `lfpipe sequence cut`"
-# bytes per pixel: imdecode needs two pictures, a progressive JPEG two bytes for each coefficient
-_PICTURE_BYTES, _PROGRESSIVE_BYTES = 6, 12
 _PROGRESSIVE = b"\xff\xc2"  # the frame header of such a JPEG
 # Each scan is one more pass over the whole picture, for a dozen bytes; encoders use some ten.
 _SCAN, MAX_SCANS = b"\xff\xda", 100

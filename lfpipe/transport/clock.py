@@ -11,6 +11,7 @@ from lfpipe.host.machine import asleep_ns
 now_ns = time.monotonic_ns
 SECOND_NS = 1_000_000_000
 MS_NS = 1_000_000
+POLL_S = 0.001  # between two looks at a ring whose writer wakes nobody
 SLEPT_NS = SECOND_NS // 2  # the gap after which filters are reset
 
 

@@ -6,9 +6,10 @@ from lfpipe.eyes import MAX_PREDICTION_S
 from lfpipe.render.display.display import Display
 from lfpipe.render.presenter import REPLACED, Listener, Presentation
 from lfpipe.render.viewer.viewer import Viewer
+from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.status import Row
 
-MAX_PREDICTION_NS = int(MAX_PREDICTION_S * 1e9)
+MAX_PREDICTION_NS = int(MAX_PREDICTION_S * SECOND_NS)
 
 
 class StatusRow(Listener):

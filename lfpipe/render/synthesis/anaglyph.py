@@ -33,10 +33,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.host.machine import add
+from lfpipe.scene.optical_flow import LUMA
 
 Weights = tuple[float, float, float]
 
-LUMA: Weights = (0.299, 0.587, 0.114)
 RED: Weights = (1.0, 0.0, 0.0)
 GREEN: Weights = (0.0, 1.0, 0.0)
 BLUE: Weights = (0.0, 0.0, 1.0)

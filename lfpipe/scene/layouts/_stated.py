@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
+from PIL.ExifTags import IFD, Base
 
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import FORMATS, MAX_DECODING_BYTES, heic_depth, open_header
@@ -29,7 +30,6 @@ _EXTENDED = b"http://ns.adobe.com/xmp/extension/\0"  # then 32 bytes of its name
 _PICTURE = re.compile(rb"\xff\xd8\xff|\x89PNG\r\n")
 _MAYBE_DEPTH = re.compile(rb"depth|disparity|edof", re.IGNORECASE)
 _BEHIND_BYTES = 64  # after the end of a photograph, within which a second picture begins
-_EXIF, _TAKEN, _TAKEN_FRACTION = 0x8769, 0x9003, 0x9291  # EXIF's tags
 # descriptor of a stereo JPEG: bytes of the kind and the arrangement, and bits of a third byte
 _STEREO, _SIDE_BY_SIDE, _OVER_UNDER = 1, 2, 3
 _HALF_WIDTH, _LEFT_FIRST = 2, 4
@@ -76,8 +76,8 @@ def taken(path: Path) -> str:
         open_file(path) as file,
         Image.open(file, formats=("JPEG", "HEIF")) as image,
     ):
-        exif = image.getexif().get_ifd(_EXIF)
-        return f"{exif[_TAKEN]}.{exif.get(_TAKEN_FRACTION, '')}"
+        exif = image.getexif().get_ifd(IFD.Exif)
+        return f"{exif[Base.DateTimeOriginal]}.{exif.get(Base.SubsecTimeOriginal, '')}"
     return ""
 
 
