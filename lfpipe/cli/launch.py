@@ -58,6 +58,8 @@ class UpArguments:
     """The code that closes a locked window; "" if it is not locked."""
     every_s: float = 0.0
     """After so many seconds a locked window shows the next scene; 0: never."""
+    title: str = ""
+    """Of an exhibition."""
     wait_for_camera: bool = False
     """Whether the session starts without its camera, and waits for it."""
 

@@ -138,7 +138,12 @@ def parse(arguments: UpArguments, has_screen: bool) -> Request:
     else:
         display = parse_display(arguments.display or "window") if shows else Nothing()
     if isinstance(display, Window):
-        display = attrs.evolve(display, lock_code=arguments.lock_code, every_s=arguments.every_s)
+        display = attrs.evolve(
+            display,
+            lock_code=arguments.lock_code,
+            every_s=arguments.every_s,
+            title=arguments.title,
+        )
     source = arguments.camera or config.camera.source or ("demo" if arguments.demo else "")
     if source and source != MouseViewer.source:
         parse_source(source)
@@ -398,8 +403,8 @@ def startup_lines(
     elif isinstance(viewer, MouseViewer):
         eyes = "the mouse: move it to look around"
     else:
-        name = viewer.source or "the first camera"
-        eyes = f"from {name}, found by {config.track.engine}, filter {config.track.filter}"
+        eyes = viewer.source or "the first camera"
+        eyes = "recorded face" if eyes.startswith("demo") else eyes
     lines = [
         (
             f"scene\t{field.name}: {field.rows}x{field.cols} views of"

@@ -19,6 +19,7 @@ from lfpipe.config import converter, parse_set
 from lfpipe.supervisor.rundir import ask
 from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S, LOAD_TIMEOUT_S, Message
 
+SAID = {"load": "shown: {name}", "share": "shared: {share}", "viewer": "viewer: {source}"}
 Send = Callable[..., None]  # of one message, and perhaps timeout_s
 
 
@@ -77,12 +78,7 @@ def _send(session_name: str, as_json: bool, message: Message, timeout_s: float =
 
         print_state(converter().structure(answer, SessionMetrics), answer["paused"])
     else:
-        facts = [
-            f"{key} {value}"
-            for key, value in answer.items()
-            if key not in ("ok", "rev", "applied", "cmd")
-        ]
-        print_result(", ".join([f"{message['cmd']}: done", *facts]))
+        print_result(SAID.get(message["cmd"], f"{message['cmd']}: done").format_map(answer))
 
 
 def load_scene(session_name: str, scene: Path) -> None:

@@ -130,6 +130,8 @@ class Window:
     lock_code: str = attrs.field(default="", repr=False)
     # after so many seconds a locked window shows the next scene; 0: never
     every_s: float = 0.0
+    # of an exhibition
+    title: str = ""
 
     def __str__(self) -> str:
         return "fullscreen" if self.fullscreen else "window"

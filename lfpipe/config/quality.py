@@ -19,6 +19,7 @@ from lfpipe.config import Config, QualityLevel, SessionOptions
 METHODS = ("warp2", "warp", "blend", "nearest")  # in order of falling cost
 WARPS = ("warp", "warp2")
 SIZES = (1.0, 0.7, 0.5)  # widths of pictures, as shares of that on the screen
+SMALLEST_PX = 300  # of a side of pictures of a lower size: fewer save nothing
 SAVING = 0.8  # cost of a level by that of the one before, at most: less relief is not felt
 FITS = 0.7  # share of the display's period that a picture may take to begin with
 THREAD_PX = (
@@ -102,8 +103,9 @@ def quality_levels(config: Config, options: SessionOptions) -> tuple[QualityLeve
     steps: list[tuple[str, dict[str, Any]]] = (
         [("pictures", {"disparity": 1}), ("pictures", {"disparity": 2})] if options.live else []
     )
+    least = min(1.0, SMALLEST_PX / min(scene.width_px, scene.height_px))
     steps += [
-        ("pictures", {"method": level.method, "size": level.size})
+        ("pictures", {"method": level.method, "size": max(level.size, least)})
         for level in drawing_levels(method, scene.errors, costs)[1:]
     ]
     if config.render.clock == "display" or not options.viewer.tracked:

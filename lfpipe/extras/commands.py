@@ -57,6 +57,7 @@ UP_KIOSK = AddedOption(
             metavar="SECONDS",
             help="With --kiosk: the time after which the next scene is shown.",
         ),
+        click.Option(["--title"], metavar="TEXT", help="With --kiosk: the title on the screen."),
     ),
     "lfpipe.extras.exhibition.kiosk:up",
 )

@@ -61,7 +61,8 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
         report(summary=attrs.asdict(summarize(open_pack(pack, settings.invert_depth))))
 
     paths, others = playlist(paths, settings) if asked.expand else (paths, 0)
-    note = f"{len(paths)} scenes; {others} other pictures are none" * (len(paths) > 1)
+    beside = f"; {others} other pictures are not scenes" * bool(others)
+    note = f"{len(paths)} scenes{beside}" * (len(paths) > 1)
     if asked.do == "info":
         manifest = scene_manifest(analyse_scene(paths[0], settings))
         return attrs.asdict(manifest) | {"notes": [*manifest.notes, *filter(None, [note])]}

@@ -315,7 +315,9 @@ def on_load(
     if not set(scenes) <= {*playlist}:
         playlist = tuple(scenes) if len(scenes) > 1 else (scenes[0], *playlist)
     new = state.loaded(scene, playlist.index(scenes[0]), playlist)
-    return Reply(answer={"pack": scene.pack}, state=new.without(unusable, scenes[0]))
+    return Reply(
+        answer={"pack": scene.pack, "name": scene.name}, state=new.without(unusable, scenes[0])
+    )
 
 
 def on_complete(state: SessionState, scene: SceneSummary) -> SessionState:

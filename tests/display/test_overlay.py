@@ -20,7 +20,14 @@ from lfpipe.render.ui.calibration import Distance, calibration_page
 from lfpipe.render.ui.folders import Content, folder_menu
 from lfpipe.render.ui.keys import ACTION_OF, DEPTH, HELP, KEYS, bar_items
 from lfpipe.render.ui.look import NO_HIGHLIGHT
-from lfpipe.render.ui.overlay_view import EDGE_PX, ItemPanel, OverlayView, bar_panel, menu_panel
+from lfpipe.render.ui.overlay_view import (
+    BAR_S,
+    EDGE_PX,
+    ItemPanel,
+    OverlayView,
+    bar_panel,
+    menu_panel,
+)
 from lfpipe.render.ui.pages import glasses_menu
 from tests.display.test_window import GREY, becomes, pressed, window  # noqa: F401  (fixture)
 from tests.support.examples import examples
@@ -242,6 +249,24 @@ def test_bar_goes_by_itself_but_not_while_the_slider_is_held(
     assert screened.move(pygame.MOUSEBUTTONUP, 0, 0) is None
     monkeypatch.setattr("time.monotonic", lambda: 1e12)
     assert screened.panels((1920, 1080), 22) == []
+
+
+def test_bar_stays_under_the_pointer_and_goes_when_it_leaves(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    screened = Screened((1280, 800), Overlay(bar=BAR))
+    _, rect = next(cell for cell in screened.draw().cells if cell[0].event.name == "record")
+    place = rect.move(screened.draw().at).center
+    screened.move(pygame.MOUSEMOTION, *place)
+    clock = iter(range(10**9, 10**10))
+    monkeypatch.setattr("time.monotonic", lambda: next(clock))  # a second at each look
+    for _ in range(60):
+        assert screened.draw(), "a click there is for an entry"
+    assert screened.click(*place) == Event("record")
+    screened.move(pygame.MOUSEMOTION, 5, 5)
+    for _ in range(round(BAR_S) + 1):
+        next(clock)
+    assert not screened.panels((1280, 800), 22)
 
 
 @pytest.mark.parametrize("size", SIZES[1:2])

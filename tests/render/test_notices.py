@@ -204,3 +204,11 @@ def test_scene_loader_reports_progress_and_what_cannot_be_opened() -> None:
     assert asked == [{"load": {"step": 1}}, {"load": {"step": 2}}]
     scenes.handle(Answer.of({"cmd": "load", "ok": True, "note": "2 scenes; 3 other pictures"}))
     assert shown() == ["2 scenes; 3 other pictures"]
+
+
+def test_captions_stand_beside_the_scenes(tmp_path: Path) -> None:
+    (tmp_path / "captions.txt").write_text("bust: Antinous | Marble\nquilt.png: A quilt\n")
+    scenes, _ = loader(Notices(), playlist=(f"{tmp_path}/bust", f"{tmp_path}/other"))
+    assert scenes.caption("bust") == ("Antinous", "Marble")
+    other, _ = loader(Notices(), playlist=(f"{tmp_path}/other",))
+    assert other.caption("other") == ("other", "")

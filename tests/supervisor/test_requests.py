@@ -29,6 +29,7 @@ from tests.support.examples import examples
 
 ROOT = Path(__file__).parents[2]
 Message = dict[str, Any]
+PACKED = {"pack": SCENE.pack, "name": SCENE.name}
 LIST: Message = {"playlist": ("/a", "/b", "/c"), "playlist_at": 2}
 
 
@@ -279,13 +280,25 @@ def test_the_stage_that_opens_a_file_executes_the_request() -> None:
 @pytest.mark.parametrize(
     ("options", "message", "result", "answer", "changed"),  # result: of the packer
     [
-        (LIST, {"cmd": "load", "scene": "/b"}, ["/b"], {"pack": SCENE.pack}, {"playlist_at": 1}),
-        (LIST, {"cmd": "load", "step": 1}, ["/a", "/b"], {"pack": SCENE.pack}, {"playlist_at": 0}),
+        (
+            LIST,
+            {"cmd": "load", "scene": "/b"},
+            ["/b"],
+            PACKED,
+            {"playlist_at": 1},
+        ),
+        (
+            LIST,
+            {"cmd": "load", "step": 1},
+            ["/a", "/b"],
+            PACKED,
+            {"playlist_at": 0},
+        ),
         (
             LIST,
             {"cmd": "load", "scene": "/x"},
             ["/x"],
-            {"pack": SCENE.pack},
+            PACKED,
             {"playlist": ("/x", *LIST["playlist"]), "playlist_at": 0},
         ),
         ({"trace": "/t"}, {"cmd": "trace", "path": ""}, None, {"path": "/t"}, {"trace": ""}),

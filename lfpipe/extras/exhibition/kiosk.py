@@ -86,6 +86,7 @@ def up(
     kiosk: bool,
     code_file: Path | None,
     every_s: int | None,
+    title: str | None,
     **values: Any,
 ) -> Any:
     """`lfpipe up` as an exhibition: a full-screen window that only the code closes. It restarts
@@ -94,8 +95,8 @@ def up(
     if not kiosk:
         if code_file:  # the user must not believe that the window is locked
             raise click.UsageError("--code-file needs --kiosk")
-        if every_s:
-            raise click.UsageError("--every needs --kiosk")
+        if every_s or title:
+            raise click.UsageError(f"{'--every' if every_s else '--title'} needs --kiosk")
         return proceed(**values)
     display = values["display"] or "fullscreen"
     if not isinstance(parse_display(display), Window):
@@ -107,6 +108,7 @@ def up(
         "display": display,
         "lock_code": kiosk_code(code_file),
         "every_s": float(every_s or 0),
+        "title": title or "",
         "wait_for_camera": True,
         "run_policy": until_it_ends,
     }
@@ -133,12 +135,13 @@ def kiosk() -> None:
     metavar="SECONDS",
     help="The time after which the next scene is shown.",
 )
-def install(scenes: tuple[Path, ...], code_file: Path | None, every_s: int | None) -> None:
+@click.option("--title", metavar="TEXT", help="The title on the screen.")
+def install(
+    scenes: tuple[Path, ...], code_file: Path | None, every_s: int | None, title: str | None
+) -> None:
     """Write a systemd unit that shows SCENE in full screen when your desktop starts, and restarts
     it after a failure.
     """
-    import platformdirs
-
     from lfpipe.scene.open_scene import absolute_path
 
     code = kiosk_code(code_file)
@@ -148,11 +151,11 @@ def install(scenes: tuple[Path, ...], code_file: Path | None, every_s: int | Non
         raise UserError(
             f"{', '.join(missing)}: not found", "name light fields, or a folder of them"
         )
-    unit = Path(platformdirs.user_config_dir("systemd")) / "user" / "lfpipe-kiosk.service"
-    kept = user_file().parent / "kiosk-code"
+    unit, kept = _files()
     options = ("up", "--session", "kiosk", "--kiosk", "--code-file")
     timed = ("--every", str(every_s)) if every_s else ()
-    words = python("lfpipe", *options, str(kept), *timed, *map(str, scenes))
+    named = ("--title", title) if title else ()
+    words = python("lfpipe", *options, str(kept), *timed, *named, *map(str, scenes))
     require_plain(words)
     unit.parent.mkdir(parents=True, exist_ok=True)
     write_file(kept, code.encode())
@@ -161,6 +164,23 @@ def install(scenes: tuple[Path, ...], code_file: Path | None, every_s: int | Non
     )
     print_result(unit)
     say("start it, now and with every desktop: systemctl --user enable --now lfpipe-kiosk")
+
+
+def _files() -> tuple[Path, Path]:
+    """The unit, and the code that it reads."""
+    import platformdirs
+
+    unit = Path(platformdirs.user_config_dir("systemd")) / "user" / "lfpipe-kiosk.service"
+    return unit, user_file().parent / "kiosk-code"
+
+
+@kiosk.command()
+def remove() -> None:
+    """Remove what `install` wrote."""
+    for path in filter(exists, _files()):
+        path.unlink()
+        print_result(path)
+    say("end it first: systemctl --user disable --now lfpipe-kiosk")
 
 
 def require_plain(words: Iterable[str]) -> None:

@@ -117,6 +117,7 @@ class ScreenWindow(Display):
         self._laid: NDArray[np.uint8] | None = None
         self._view = view
         self._zoom = Zoom()
+        self._is_new = False  # the scene
         self._pans = False  # a drag with the left button
         self._pressed_s, self._pressed_at = -math.inf, (0, 0)  # the last press of the left button
         self._drawn: Sequence[Panel] = ()
@@ -127,6 +128,7 @@ class ScreenWindow(Display):
             self._driver = window_system.start()
             self.monitor = find_monitor(monitor, monitors()) if monitor else monitors()[0]
             self._windowed = self.monitor.window_for(size_px)
+            self._area_px = math.prod(self._windowed)
             place = (
                 pygame.WINDOWPOS_CENTERED | self.monitor.number
                 if monitor
@@ -227,9 +229,21 @@ class ScreenWindow(Display):
     def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
         """Returns the time at which the window system accepted the picture."""
         self._shown = picture, pair, how
+        if self._is_new:
+            self._take_shape(picture.shape[1] / picture.shape[0])
         self._number += 1
         self._draw()
         return time.monotonic_ns()
+
+    def _take_shape(self, aspect: float) -> None:
+        """Gives a window that nobody has resized the shape of another scene, and the same area."""
+        self._is_new = False
+        if self._fullscreen or self._window.size != self._windowed:
+            return
+        wide = math.sqrt(self._area_px * aspect)
+        most = self.monitor.window_for((round(1000 * aspect), 1000))
+        self._windowed = min(most, (round(wide), round(wide / aspect)))
+        self._window.size = self._windowed
 
     def _draw(self, again: bool = True) -> None:
         """Draws picture and overlay. again: also if neither has changed."""
@@ -393,6 +407,7 @@ class ScreenWindow(Display):
 
     def title(self, name: str) -> None:
         self._title = self._window.title = f"lfpipe: {window_system.drawable(name)}"
+        self._is_new = True
 
     def close(self) -> None:
         self._close()

@@ -225,14 +225,16 @@ class Ui:
             *[RECORDED_FACE] * self._shows_demo,
         ]
         page = self.page.overlay(t_ns) if self.page else Overlay()
-        if self.context.options.lock_code:
+        display = self.context.options.display
+        is_locked = bool(self.context.options.lock_code)
+        name = self.viewer.field.name
+        if is_locked:
             page = self._caption(standing)
-            standing = []
         overlay = attrs.evolve(
             page,
-            notices=self.notices.current(t_ns, standing),
-            scene=self.viewer.field.name,
-            step=self.scenes.working,
+            notices=() if is_locked else self.notices.current(t_ns, standing),
+            scene=display.title if is_locked and isinstance(display, Window) else name,
+            step="" if is_locked else self.scenes.working,
             progress=self.scenes.progress,
             viewer=viewer_name(self.context.options.viewer),
             bar=self._bar(),

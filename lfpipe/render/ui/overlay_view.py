@@ -795,6 +795,8 @@ class OverlayView:
             pages += self._captions(overlay, bottom_px, window_px, text_px)
             bottom_px = min(panel.top_px for panel in pages) - GAP_PX
         for notice in reversed(overlay.notices):
+            if notice.items and overlay.menu is not None:  # one question at a time
+                continue
             y_px = below_px if notice.items else bottom_px
             lit = self._highlight_of(*notice.items)
             notices.append(notice_panel(notice, y_px, window_px, text_px, lit))
@@ -853,7 +855,7 @@ class OverlayView:
             if text:
                 top_px = panels[-1].bottom_px + GAP_PX if panels else EDGE_PX
                 panels.append(dot_panel(text, colour, top_px, window_px, text_px))
-        if overlay.step or (overlay.scene and is_awake):
+        if overlay.step or (overlay.scene and (is_awake or overlay.caption)):
             step = overlay.step, overlay.progress
             panels.append(scene_panel(overlay.scene, *step, window_px, text_px))
         return panels
