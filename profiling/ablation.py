@@ -108,7 +108,7 @@ def replaced(source: str, constant: str, neutral: str) -> str:
 
 def eyes(tracks: Path) -> Figures:
     from lfpipe.config import Track
-    from lfpipe.track.filters.table import make_filter
+    from lfpipe.track.filters.base import make_filter
     from profiling.eyes_tracks import FAULTS, added, clips, metrics, shown
 
     names = ("moving", "still", "step", "overshoot", "all")

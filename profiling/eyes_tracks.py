@@ -31,11 +31,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.bench.simulator.tracks import read_table
+from lfpipe.bench.simulator.scripts import read_table
 from lfpipe.config import FILTER_MODULES, Track
-from lfpipe.track.filters.base import EyeFilter
+from lfpipe.track.filters.base import EyeFilter, make_filter
 from lfpipe.track.filters.mean import Mean
-from lfpipe.track.filters.table import make_filter
 from profiling.arguments import existing, parser_of, start
 
 REFRESH_S = 1 / 60

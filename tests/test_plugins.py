@@ -13,8 +13,8 @@ from lfpipe.errors import UserError
 from lfpipe.plugins import DISPLAYS, ENGINES, FILTERS, LAYOUTS, SOURCES, blaming, entries, load
 from lfpipe.render.display.open_display import parse_display
 from lfpipe.scene import layouts
-from lfpipe.track.filters.table import make_filter
-from lfpipe.track.make_engine import make_engine
+from lfpipe.track.engine import make_engine
+from lfpipe.track.filters.base import make_filter
 from tests.scene import made
 from tests.support.refusal import refusal
 from tests.support.world import write_package

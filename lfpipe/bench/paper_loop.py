@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.files.trace import TraceFile
-from lfpipe.track.landmarks import LEFT_EYE, RIGHT_EYE
+from lfpipe.track.face_networks import LEFT_EYE, RIGHT_EYE
 
 WARM_UP = 10  # frames that do not count
 PRELOADED = 600  # frames in memory

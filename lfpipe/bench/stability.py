@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.results import State, Table, judged_error, judged_table
 from lfpipe.bench.runner import Offer
-from lfpipe.bench.simulator.tracks import EYE_DISTANCE_PX
+from lfpipe.bench.simulator.scripts import EYE_DISTANCE_PX
 from lfpipe.bench.synthesis import view_at
 from lfpipe.config import FILTER_MODULES, Render, Track
 from lfpipe.config.quality import METHODS, WARPS
@@ -21,7 +21,7 @@ from lfpipe.render.synthesis.compositor import Compositor, ViewRenderer
 from lfpipe.render.synthesis.viewpoint import ViewSolver, pair_clamped
 from lfpipe.scene.lightfield import UNKNOWN, LightField
 from lfpipe.scene.source import Geometry
-from lfpipe.track.filters.table import make_filter
+from lfpipe.track.filters.base import make_filter
 from lfpipe.transport.clock import MS_NS
 from lfpipe.transport.histogram import MAX_NS
 

@@ -13,7 +13,7 @@ from lfpipe.bench.inputs import FrameSequence, Inputs, Picture
 from lfpipe.bench.results import Value, mean_of, rms
 from lfpipe.bench.runner import Offer, Prepared, Variant, cpu_ms
 from lfpipe.config import Track, choices
-from lfpipe.track.make_engine import make_engine
+from lfpipe.track.engine import make_engine
 from lfpipe.track.models import has_face_mesh
 
 WIDTHS_PX = (640, 320), (640, 320, 160)  # quick and full

@@ -1,4 +1,5 @@
-"""Names of live light fields, and what their sources deliver.
+"""Live light fields: their names, and their sources: one camera, several in a row as one picture,
+or the ring of another program.
 
     live:SOURCE[,SOURCE...][?layout=side-by-side|over-under|mosaic&grid=RxC&size=WxH]
 
@@ -6,16 +7,137 @@ SOURCE is a source of `spec.KINDS`, or a device file; its own parameters may fol
 cameras in a row, from left to right.
 """
 
+import math
 import re
+import time
+from collections.abc import Sequence
 
 import attrs
+import numpy as np
+from numpy.typing import NDArray
 
+from lfpipe.capture.frame_source import Frame, FrameSource, SourceInfo
 from lfpipe.capture.open_source import camera_name, definite_name, live_camera, probe_source
 from lfpipe.capture.spec import LIVE, RingKind, RowKind, SourceKind, parse_source
 from lfpipe.config import Config, LiveSource
 from lfpipe.config.user_files import measured_placement
 from lfpipe.errors import UserError
-from lfpipe.live.shared_scene import attached, two_cameras
+from lfpipe.files.decoding import fit_area, fit_note, fitted
+from lfpipe.live.shared_scene import attached, has_writer, two_cameras
+from lfpipe.transport.clock import POLL_S, SECOND_NS, now_ns
+from lfpipe.transport.ring import StampKind
+
+JITTER_NS = 2_000_000  # of stamps: a frame that is nearer by less is no better
+MOST_SKIPPED = 8  # frames of a camera, whose driver may have kept as many
+
+
+class RowSource:
+    """Frames of cameras in a row: of each camera, the one that is nearest in time to those of the
+    others; brightness and white balance follow those of the first camera.
+    """
+
+    def __init__(self, sources: Sequence[FrameSource], tile_px: tuple[int, int]) -> None:
+        """sources: from left to right, open. tile_px: the most of a picture that one may take."""
+        self._sources = sources
+        first = sources[0].info
+        _, _, width, height = fit_area(first.size_px, tile_px)
+        self._periods_ns = [round(1e9 / max(source.info.rate_hz, 1.0)) for source in sources]
+        self._pictures = [np.empty((height, width, 3), np.uint8) for _ in sources]
+        sizes_px = {source.info.size_px for source in sources} - {(width, height)}
+        scaled = [fit_note(size_px, (width, height)) for size_px in sorted(sizes_px)]
+        notes = tuple(dict.fromkeys([*first.notes, *scaled]))
+        name = ",".join(source.info.name for source in sources)
+        self.info = attrs.evolve(
+            first, name=name, size_px=(width * len(sources), height), jpeg=False, notes=notes
+        )
+
+    def read(self, out: NDArray[np.uint8]) -> Frame | None:
+        """See `FrameSource.read`."""
+        frames = [self._next(k) for k in range(len(self._sources))]
+        for _ in range(MOST_SKIPPED):
+            if None in frames or not (late := self._late([f.t_sensor_ns for f in frames if f])):
+                break
+            for k in late:
+                frames[k] = self._next(k)
+        known = [frame for frame in frames if frame is not None]
+        if len(known) < len(frames):
+            return None
+        for k, tile in enumerate(np.split(out, len(known), axis=1)):
+            fitted(self._pictures[k], tile)
+        stamps = [frame.t_sensor_ns for frame in known]
+        return attrs.evolve(known[0], packet=None, offset_ns=max(stamps) - min(stamps))
+
+    def _next(self, k: int) -> Frame | None:
+        return self._sources[k].read(self._pictures[k])
+
+    def _late(self, stamps: list[int]) -> list[int]:
+        """The cameras whose next frames are nearer to the frames of the others; [] if these frames
+        are the nearest that there are.
+        """
+        order = sorted(range(len(stamps)), key=stamps.__getitem__)
+
+        def spread_ns(late: int) -> int:
+            after = [stamps[k] + self._periods_ns[k] * (k in order[:late]) for k in order]
+            return max(after) - min(after)
+
+        best = min(range(len(order)), key=spread_ns)
+        return order[:best] if spread_ns(best) < spread_ns(0) - JITTER_NS else []
+
+    def close(self) -> None:
+        for source in self._sources:
+            source.close()
+
+
+WAIT_NS = SECOND_NS // 2  # until a timeout, before which the writer's end is noticed
+RATE_HZ = 1.0  # that it draws at least: more slowly, it counts as stalled for a while
+
+
+class RingSource:
+    """The newest frames of the ring of a live scene."""
+
+    def __init__(self, name: str) -> None:
+        """Raises UserError if no program writes it."""
+        self._name = name
+        self._reader, (rows, cols), (width, height) = attached(name)
+        if not has_writer(name):
+            self._reader.close()
+            raise UserError(f"ring:{name}: its program has ended", "start it again")
+        self._grid = rows, height, cols, width, 3
+        self._next_seq = 0
+        size_px = cols * width, rows * height
+        self.info = SourceInfo(f"ring:{name}", size_px, RATE_HZ, live=True)
+
+    def read(self, out: NDArray[np.uint8]) -> Frame | None:
+        """See `FrameSource.read`. Raises UserError when the program has ended, or came back with
+        other views.
+        """
+        if out.size != math.prod(self._grid):
+            rows, height, cols, width, _ = self._grid
+            raise UserError(
+                f"ring:{self._name}: its program draws {rows}x{cols} views of {width}x{height} px"
+                " now",
+                "end this session and start it again",
+            )
+        until_ns = now_ns() + WAIT_NS
+        while now_ns() < until_ns:
+            if (peeked := self._reader.peek()) is not None:
+                stamp, record = peeked
+                tiles = out.reshape(self._grid)
+                np.copyto(tiles, record["views"].transpose(0, 2, 1, 3, 4))
+                if self._reader.still_valid(stamp):
+                    self._next_seq += 1
+                    t_read_ns = now_ns()
+                    return Frame(
+                        self._next_seq - 1, stamp.t_sensor_ns, t_read_ns, stamp=StampKind.READ
+                    )
+            time.sleep(POLL_S)
+        if not has_writer(self._name):
+            raise UserError(f"ring:{self._name}: its program has ended", "start it again")
+        raise TimeoutError
+
+    def close(self) -> None:
+        self._reader.close()
+
 
 FORM = "live:SOURCE?layout=side-by-side|over-under|mosaic&grid=RxC&size=WxH"
 LAYOUTS = {"side-by-side": ((1, 2), 2), "over-under": ((1, 2), 1)}  # grid, tiles across

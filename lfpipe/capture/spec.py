@@ -208,7 +208,7 @@ class RingKind(SourceKind):
         return cls(rest) if rest else None
 
     def open(self, camera: config.Camera) -> "FrameSource":
-        from lfpipe.capture.ring_source import RingSource
+        from lfpipe.capture.live_source import RingSource
 
         return RingSource(self.name)
 
@@ -258,7 +258,7 @@ class RowKind(SourceKind):
         return ",".join(kind.name_in_measurements(name) for kind, name in cameras)
 
     def open(self, camera: config.Camera) -> "FrameSource":
-        from lfpipe.capture.row_source import RowSource
+        from lfpipe.capture.live_source import RowSource
 
         one = attrs.evolve(camera, width_px=camera.width_px // len(self.cameras))
         opened: list[FrameSource] = []

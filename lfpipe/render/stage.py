@@ -47,15 +47,17 @@ from lfpipe.render.display.display import Display, Pointer
 from lfpipe.render.display.file_display import save
 from lfpipe.render.display.open_display import open_display
 from lfpipe.render.display.refresh import Refresh, ScreenRefresh
-from lfpipe.render.listeners.live_row import LiveRow
-from lfpipe.render.listeners.motion_latency import MotionLatencyRow
-from lfpipe.render.listeners.picture_ring import PictureRing
-from lfpipe.render.listeners.replay_writer import ReplayWriter
-from lfpipe.render.listeners.shown_stamps import ShownStamps
-from lfpipe.render.listeners.status_row import StatusRow
-from lfpipe.render.listeners.tap_messages import TapMessages
-from lfpipe.render.listeners.trace import Trace
+from lfpipe.render.listeners import (
+    LiveRow,
+    PictureRing,
+    ReplayWriter,
+    ShownStamps,
+    StatusRow,
+    TapMessages,
+    Trace,
+)
 from lfpipe.render.live_input import LiveInput
+from lfpipe.render.motion_latency import MotionLatencyRow
 from lfpipe.render.presenter import Listener, Presenter
 from lfpipe.render.synthesis.painter import Painters, open_painters
 from lfpipe.render.synthesis.scoring import measure_costs

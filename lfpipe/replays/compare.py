@@ -21,7 +21,7 @@ from lfpipe.errors import VALUE_CHARS, UserError, plain, quoted
 from lfpipe.files.output import PLACE, write_output
 from lfpipe.files.pictures import header_of
 from lfpipe.files.safe_files import reason
-from lfpipe.render.listeners.replay_writer import PICTURES
+from lfpipe.render.listeners import PICTURES
 from lfpipe.replays.report import (
     COUNTED,
     DIFFERENCE,

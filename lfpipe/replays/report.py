@@ -23,7 +23,7 @@ from lfpipe.files.safe_files import check_links, read_text
 from lfpipe.files.trace import check_sides, trace_lines
 from lfpipe.files.untrusted import json_fields
 from lfpipe.host.machine import versions
-from lfpipe.render.listeners.replay_writer import PICTURES
+from lfpipe.render.listeners import PICTURES
 from lfpipe.scene.lightfield import LightField
 from lfpipe.sequence.eyes import Truth, read_truth, summary
 from lfpipe.sequence.folder import Sequence

@@ -24,7 +24,7 @@ from lfpipe.files.output import write_output
 from lfpipe.files.safe_files import PRIVATE_FOLDER, WORK_NAME, reason
 from lfpipe.host import signals
 from lfpipe.host.files import is_dir
-from lfpipe.render.listeners.replay_writer import PICTURES
+from lfpipe.render.listeners import PICTURES
 from lfpipe.replays.report import DIFFERENCE, REPORT, STEADY, TRACE, Report, make_report
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import summarize

@@ -7,7 +7,9 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.config import Track
 from lfpipe.eyes import MIN_EYE_DISTANCE_PX, is_plausible_px
+from lfpipe.plugins import ENGINES, make
 
 # Eye distance over the longer side of the face: 0.3 to 0.5 in faces, 1 for a bad fit.
 MAX_EYE_DISTANCE = 1.5
@@ -75,3 +77,23 @@ class Engine(Protocol):
         ...
 
     def close(self) -> None: ...
+
+
+def make_engine(track: Track, portable: bool = False) -> Engine:
+    """The engine that track names, ready. Its libraries are imported only now. portable: see
+    `LitertNetworks`.
+
+    Raises UserError if its libraries or models are missing or have another version.
+    """
+    name: str = track.engine
+    if name == "litert":
+        from lfpipe.track.face_networks import LitertNetworks
+        from lfpipe.track.litert_engine import LitertEngine
+
+        return LitertEngine(LitertNetworks(portable))
+    if name == "mediapipe":
+        from lfpipe.track.mediapipe_engine import MediapipeEngine
+
+        return MediapipeEngine()
+    engine: Engine = make(ENGINES, name, track)
+    return engine

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from lfpipe.config import Track
 from lfpipe.eyes import MAX_STEP_NS, Eyes, EyesRecord
 from lfpipe.track.detector import SAME_OVERLAP, overlap
-from lfpipe.track.engine import Engine, Face
-from lfpipe.track.filters.table import make_filter
-from lfpipe.track.make_engine import make_engine
+from lfpipe.track.engine import Engine, Face, make_engine
+from lfpipe.track.filters.base import make_filter
 
 log = logging.getLogger(__name__)
 NOWHERE: Eyes = (0.0, 0.0, 0.0, 0.0)

@@ -12,7 +12,7 @@ from lfpipe.errors import UserError
 from lfpipe.eyes import HEAD_POINTS
 from lfpipe.host.terminal import quiet_stderr
 from lfpipe.track.engine import Face
-from lfpipe.track.landmarks import EDGES, EYE_LINE, LEFT_EYE, RIGHT_EYE
+from lfpipe.track.face_networks import EDGES, EYE_LINE, LEFT_EYE, RIGHT_EYE
 
 _BLANK = np.zeros((64, 64, 3), np.uint8)
 

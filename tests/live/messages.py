@@ -11,8 +11,7 @@ import attrs
 import numpy as np
 
 import lfpipe
-from lfpipe.capture.live_source import check_devices, check_live
-from lfpipe.capture.ring_source import RingSource
+from lfpipe.capture.live_source import RingSource, check_devices, check_live
 from lfpipe.config import Config
 from lfpipe.errors import UserError
 from lfpipe.live.shared_scene import directory_of, scene_dtype, scene_of

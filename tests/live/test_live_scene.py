@@ -9,9 +9,7 @@ import pytest
 
 import lfpipe
 from lfpipe.capture.frame_source import Frame, SourceInfo
-from lfpipe.capture.live_source import check_live, same_device
-from lfpipe.capture.ring_source import RingSource
-from lfpipe.capture.row_source import RowSource
+from lfpipe.capture.live_source import RingSource, RowSource, check_live, same_device
 from lfpipe.capture.spec import is_live
 from lfpipe.config import Config
 from lfpipe.errors import UserError

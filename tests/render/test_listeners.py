@@ -17,11 +17,14 @@ from lfpipe.errors import UserError
 from lfpipe.eyes import SHOWN
 from lfpipe.render.choice import DisplayTime
 from lfpipe.render.display.display import Display
-from lfpipe.render.listeners.picture_ring import PictureRing
-from lfpipe.render.listeners.shown_stamps import ShownStamps
-from lfpipe.render.listeners.status_row import StatusRow
-from lfpipe.render.listeners.tap_messages import TapMessages
-from lfpipe.render.listeners.trace import Trace, trace_line
+from lfpipe.render.listeners import (
+    PictureRing,
+    ShownStamps,
+    StatusRow,
+    TapMessages,
+    Trace,
+    trace_line,
+)
 from lfpipe.render.metrics import METRICS
 from lfpipe.render.presenter import REPLACED, Presentation
 from lfpipe.render.stage import RenderStage

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from lfpipe.config import Track
-from lfpipe.render.listeners.motion_latency import MotionLatency
-from lfpipe.track.filters.table import make_filter
+from lfpipe.render.motion_latency import MotionLatency
+from lfpipe.track.filters.base import make_filter
 
 MS = 1_000_000
 DEVICE_LATENCY_MS, STEP_PX_S = 60, 200.0

@@ -23,9 +23,9 @@ from hypothesis import strategies as st
 from lfpipe.config.check import MAX_LISTED
 from lfpipe.errors import UserError
 from lfpipe.host.machine import OPENCV
+from lfpipe.render import listeners
 from lfpipe.render.choice import TrackedEyes
-from lfpipe.render.listeners import replay_writer
-from lfpipe.render.listeners.replay_writer import PICTURES, ReplayWriter
+from lfpipe.render.listeners import PICTURES, ReplayWriter
 from lfpipe.replays.compare import compare
 from lfpipe.replays.report import REPORT, TRACE, about_scene, digests, read_trace
 from lfpipe.replays.run import clear_out, update_reference
@@ -299,7 +299,7 @@ def test_only_results_are_cleared_and_links_are_none(tmp_path: Path) -> None:
 def test_kept_pictures_of_two_runs_have_frames_in_common(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(replay_writer, "KEPT_BYTES", 20_000)
+    monkeypatch.setattr(listeners, "KEPT_BYTES", 20_000)
     rng = np.random.default_rng(3)
     kept = []
     for size in (16, 24):

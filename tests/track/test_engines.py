@@ -19,10 +19,9 @@ from lfpipe.track.detector import (
     overlap,
     suppressed,
 )
-from lfpipe.track.engine import Engine, Face
+from lfpipe.track.engine import Engine, Face, make_engine
 from lfpipe.track.litert_engine import LitertEngine
 from lfpipe.track.liveness import PORTRAIT_PICTURES, STILL_PICTURES, Liveness
-from lfpipe.track.make_engine import make_engine
 from lfpipe.track.mediapipe_engine import MediapipeEngine
 from lfpipe.track.network import Roi, mapped, portable_warp, warp
 from tests.track.people import needs_mediapipe
@@ -143,7 +142,7 @@ def test_every_size_of_frame(engine: LitertEngine, placed: Placed, size: tuple[i
 def test_mediapipe_is_never_imported() -> None:
     """Its import takes longer than everything else of a start."""
     code = (
-        "import sys; from lfpipe.config import Track; from lfpipe.track.make_engine import"
+        "import sys; from lfpipe.config import Track; from lfpipe.track.engine import"
         " make_engine;make_engine(Track()); print([m for m in ('mediapipe', 'matplotlib', 'scipy',"
         " 'jax') if m in sys.modules])"
     )

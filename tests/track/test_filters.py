@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from lfpipe.config import FILTER_MODULES, Track
 from lfpipe.eyes import MAX_EYE_PX, MAX_STEP_NS, low_pass_gain
-from lfpipe.track.filters.base import MIN_STEP_NS, EyeFilter
+from lfpipe.track.filters.base import MIN_STEP_NS, EyeFilter, make_filter
 from lfpipe.track.filters.mean import Mean
 from lfpipe.track.filters.one_euro import OneEuro
-from lfpipe.track.filters.table import make_filter
 from tests.support.examples import examples
 
 FRAME_NS = 33_333_333

@@ -1,16 +1,20 @@
-"""The base of all filters: the protocol, checks of stamps and measurements, and prediction.
+"""The base of all filters: how one is made, the protocol, checks of stamps and measurements, and
+prediction.
 
 No filter reads a clock. Stamps are subtracted as integers before conversion to float, so no
 precision is lost on a machine that has been up for years. Speeds are in eye distances per second:
 a near head moves by more pixels, and the noise of its landmarks grows in proportion.
 """
 
+import importlib
 from abc import ABC, abstractmethod
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.config import FILTER_MODULES, Track
 from lfpipe.eyes import MAX_STEP_NS, extrapolated, is_plausible_px
+from lfpipe.plugins import FILTERS, make
 
 Points = NDArray[np.float64]
 Vector = tuple[float, float]
@@ -81,3 +85,16 @@ class EyeFilter(ABC):
     @abstractmethod
     def _step(self, t_ns: int, dt_s: float, measured: Points) -> tuple[Points, Points]:
         """New (position, velocity) at t_ns, dt_s after the last measurement."""
+
+
+def make_filter(track: Track, device_latency_s: float = 0.0) -> EyeFilter:
+    """A new filter of the name in track: a built-in one, or a plug-in.
+
+    device_latency_s: delay of camera and display that predictions must cover.
+    """
+    if (module := FILTER_MODULES.get(track.filter)) is not None:
+        maker = importlib.import_module(f"{__package__}.{module}").make
+        built_in: EyeFilter = maker(track, device_latency_s)
+        return built_in
+    plugin: EyeFilter = make(FILTERS, track.filter, track, device_latency_s)
+    return plugin
