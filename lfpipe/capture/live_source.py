@@ -33,7 +33,7 @@ MOST_SKIPPED = 8  # frames of a camera, whose driver may have kept as many
 
 class RowSource:
     """Frames of cameras in a row: of each camera, the one that is nearest in time to those of the
-    others; brightness and white balance follow those of the first camera.
+    others.
     """
 
     def __init__(self, sources: Sequence[FrameSource], tile_px: tuple[int, int]) -> None:
