@@ -93,10 +93,10 @@ def walk(finger: Finger, scenes: Sequence[Path]) -> Iterator[str]:
     finger.world.ask(cmd="action", name="calibrate", value=600.0)
     time.sleep(3.0)
     yield "calibrate"
-    finger.touch(_text(finger, calibration_page(Distance("60"), True, True, False)), "enter")
+    finger.touch(_text(finger, calibration_page(Distance(60), True, True, False)), "enter")
     time.sleep(3.0)
     yield "calibrated"
-    finger.touch(_text(finger, calibration_page(Distance("60"), True, True, True)), "close")
+    finger.touch(_text(finger, calibration_page(Distance(60), True, True, True)), "close")
     finger.use_bar("fullscreen")
     yield "full-screen"
     finger.use_bar("which")

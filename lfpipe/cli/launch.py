@@ -6,6 +6,7 @@ process, `prepare`, checks the arguments and the machine, and opens scenes and s
 
 import contextlib
 import os
+import subprocess
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,6 +20,7 @@ from lfpipe.cli.terminal import filled, print_error, print_result, progress, say
 from lfpipe.config import Config, SessionOptions, converter
 from lfpipe.config.modes import Window
 from lfpipe.errors import UserError
+from lfpipe.host.child import python
 from lfpipe.host.files import exists
 from lfpipe.host.worker import Worker
 from lfpipe.supervisor import rundir
@@ -97,9 +99,13 @@ def launch(arguments: UpArguments, run_policy: RunPolicy = lambda first, _: firs
             say("shown in the open window; `--session NAME` opens another one")
             return 0
         rundir.remove(session.run_dir, rundir.acquire(session))  # raises the error with the remedy
-    prepared = _prepared(arguments)
     again = attrs.evolve(arguments, overwrite=True)  # its own files
-    return run_policy(lambda: _run(session, prepared), lambda: _run(session, _prepared(again)))
+    with contextlib.ExitStack() as splash:
+        if arguments.start:  # it takes seconds to look at cameras and scenes
+            command = python("lfpipe.render.display.splash", session.name)
+            splash.enter_context(subprocess.Popen(command, stdin=subprocess.PIPE))
+        prepared = _prepared(arguments)
+        return run_policy(lambda: _run(session, prepared), lambda: _run(session, _prepared(again)))
 
 
 def _is_for_open_window(arguments: UpArguments) -> bool:

@@ -96,8 +96,6 @@ class Overlay:
     a value with a bar, and a line before such ones a heading."""
     items: tuple[Item, ...] = ()
     """Entries below the lines, which then are at the bottom."""
-    types: bool = False
-    """Whether digits and "backspace" are reported, as the text of a "type"."""
     inset: NDArray[np.uint8] | None = attrs.field(default=None, eq=id)
     """A small picture below the lines, uint8 (height, width, 3) BGR."""
     notices: tuple[Notice, ...] = ()

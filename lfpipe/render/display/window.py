@@ -40,7 +40,6 @@ NAMES = {
     pygame.K_ESCAPE: "escape",
     pygame.K_TAB: "tab",
     pygame.K_DELETE: "delete",
-    pygame.K_BACKSPACE: "backspace",
     pygame.K_LEFT: "left",
     pygame.K_RIGHT: "right",
     pygame.K_UP: "up",

@@ -39,48 +39,29 @@ DONE = Item("Done", Event("close"), main=True)
 
 @attrs.define
 class Distance:
-    """A distance in cm to type, to step or to slide."""
+    """A distance to step or to slide."""
 
-    text: str
-    is_new: bool = attrs.field(default=True, init=False)
-    """Whether the next digit begins another number."""
+    cm: float
 
-    @property
-    def mm(self) -> float:
-        return 10 * float(self.text or 0)
-
-    @property
-    def is_possible(self) -> bool:
-        return NEAREST_CM <= self.mm / 10 <= FARTHEST_CM
-
-    def set(self, mm: float) -> None:
-        self.text = f"{min(max(mm / 10, NEAREST_CM), FARTHEST_CM):g}"
-        self.is_new = True
+    def set(self, cm: float) -> None:
+        self.cm = min(max(cm, NEAREST_CM), FARTHEST_CM)
 
     def take(self, event: Event) -> bool:
         """Follows an event; returns whether it is one of its own."""
         if event.name in STEPS:
-            self.set(self.mm + 10 * STEPS[event.name])
+            self.set(self.cm + STEPS[event.name])
         elif event.name == "distance":
             low, high = SLIDER_CM
-            self.set(10 * (low + round(event.value * (high - low))))
-        elif event == Event("type", "backspace"):
-            self.text = self.text[:-1]
-            self.is_new = False
-        elif event.name == "type":
-            self.text = (("" if self.is_new else self.text) + event.text)[: len(str(FARTHEST_CM))]
-            self.is_new = False
-        else:
-            return False
-        return True
+            self.set(low + round(event.value * (high - low)))
+        return event.name in (*STEPS, "distance")
 
     @property
     def items(self) -> tuple[Item, ...]:
         low, high = SLIDER_CM
-        at = min(max((self.mm / 10 - low) / (high - low), 0.0), 1.0)
+        at = min(max((self.cm - low) / (high - low), 0.0), 1.0)
         return (
             Item("", Event("alpha-"), "-"),
-            Item(f"{self.text or '_'} cm", Event("distance"), slider=at),
+            Item(f"{self.cm:g} cm", Event("distance"), slider=at),
             Item("", Event("alpha+"), "+"),
         )
 
@@ -144,7 +125,7 @@ def calibration_page(distance: Distance, ready: bool, has_face: bool, is_stored:
     elif ready:
         state = "Saved. To check: move, set the new distance" if is_stored else "Ready"
     last = DONE if is_stored else attrs.evolve(ACCEPT, off=not ready)
-    return Overlay(lines=(state,), items=(*distance.items, AGAIN, last), types=True)
+    return Overlay(lines=(state,), items=(*distance.items, AGAIN, last))
 
 
 def _save(viewer: ViewerKind, focal_px: float, width_px: int) -> None:
@@ -164,7 +145,7 @@ class CalibrationPage(Page):
         self._context = context
         self._files = files
         self._presenter = presenter
-        self.distance = Distance(f"{(context.options.calibrate_mm or USUAL_MM) / 10:g}")
+        self.distance = Distance((context.options.calibrate_mm or USUAL_MM) / 10)
         self._is_stored = False
         self._eyes = StillEyes()
         self._rings = list[Reader]()
@@ -193,13 +174,13 @@ class CalibrationPage(Page):
 
     @property
     def _is_ready(self) -> bool:
-        return self._eyes.share == 1.0 and self.distance.is_possible
+        return self._eyes.share == 1.0
 
     def take(self, event: Event) -> bool:
         if event == ACCEPT.event:
             if self._is_ready and not self._is_stored:
                 eyes_mm = self._context.config.screen.eyes_mm
-                focal_px = round(self._eyes.median_px * self.distance.mm / eyes_mm, 1)
+                focal_px = round(self._eyes.median_px * 10 * self.distance.cm / eyes_mm, 1)
                 viewer, width_px = self._context.options.viewer, self._frame.shape[1]
                 self._files.do(
                     partial(_save, viewer, focal_px, width_px),

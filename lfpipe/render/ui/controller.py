@@ -117,9 +117,7 @@ class Ui:
         options = self.context.options
         if options.start:
             return self.scene_page
-        if options.calibrate_mm:
-            return self.calibration
-        return None
+        return self.calibration if options.calibrate_mm else None
 
     @property
     def _shows_demo(self) -> bool:
@@ -336,7 +334,7 @@ def _calibrate(ui: Ui, event: Event) -> None:
         return
     if event.value:
         ui.close_page()
-        ui.calibration.distance.set(event.value)
+        ui.calibration.distance.set(event.value / 10)
     ui.open_page(ui.calibration)
 
 

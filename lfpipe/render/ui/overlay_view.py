@@ -5,10 +5,10 @@ equal calls of a panel's function in a row return the same panel.
 """
 
 import math
-import string
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
+from itertools import product
 
 import attrs
 import cv2
@@ -60,14 +60,13 @@ KEY_ACTIONS = ACTION_OF | {
     "pagedown": "next",
     "pageup": "previous",
 }
-DIGITS = frozenset(string.digits)
 # keys in a menu: onwards or back
 MOVES = {"left": -1, "right": 1, "up": -1, "down": 1, "pageup": -1, "pagedown": 1}
 TURNS = Item("◀", Event("pageup")), Item("▶", Event("pagedown"))  # to other pages, as the keys do
 PRESSED_OR_NOT = (pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP)
 EDGE_PX = 16  # from the window's edge
 GAP_PX = 8  # between two panels
-MIN_TEXT_PX = 16  # of a line: its letters have 12 px, which are still legible
+SMALLEST_TEXT_PX = 11  # of a line, where a small window shows all keys
 MIN_MENU_PX = 12  # of a menu in a window below 450 px, where every item must be reachable
 COLUMN_UNITS = 4  # between two columns of text
 COLUMN_LETTERS = 6  # least width of a column over the height of its lines: two words
@@ -92,8 +91,6 @@ class ItemPanel(Panel):
     """Items with their rectangles on the surface."""
     places: dict[int, pygame.Rect] = attrs.field(factory=dict)
     """Of a menu, the rectangles of its items by number."""
-    page: int = 1
-    """Lines of text on one page."""
     bare: frozenset[str] = frozenset()
     """Names of a bar's entries without words."""
 
@@ -271,22 +268,16 @@ def _draw_entry(
         surface.blit(label, label.get_rect(midleft=(rect.left + 9 * unit // 2, rect.centery)))
 
 
-@lru_cache(1)
 def tip_panel(item: Item, over: tuple[int, int], window_px: Place, text_px: int) -> ItemPanel:
     """The name of an entry of the bar and its key, or why it is off. over: the middle of its upper
     edge.
     """
-    unit = unit_px(text_px)
-    text = written(item.label + f": {item.more}" * item.off, text_px, TEXT)
-    parts = [text, *([badge(item.key, text_px, unit)] if item.key else [])]
-    width = sum(part.get_width() + 2 * unit for part in parts) + unit
-    surface = panel_surface(width, 5 * unit, unit)
-    x = 3 * unit // 2
-    for part in parts:
-        surface.blit(part, part.get_rect(midleft=(x, surface.get_height() // 2)))
-        x += part.get_width() + 2 * unit
-    x = min(max(over[0] - width // 2, EDGE_PX), max(EDGE_PX, window_px[0] - EDGE_PX - width))
-    return ItemPanel(surface=surface, at=(x, over[1] - surface.get_height() - unit))
+    key = f" ({item.key})" if item.key else ""
+    tip = Notice(item.label + key + f": {item.more}" * item.off)
+    panel = notice_panel(tip, over[1] - GAP_PX, window_px, text_px)
+    most_px = window_px[0] - EDGE_PX - panel.surface.get_width()
+    x = min(max(over[0] - panel.surface.get_width() // 2, EDGE_PX), most_px)
+    return ItemPanel(surface=panel.surface, at=(x, panel.top_px))
 
 
 def _pages(
@@ -502,21 +493,6 @@ def _columns(blocks: Sequence[pygame.Surface], cols: int, unit: int) -> list[pyg
     return rects
 
 
-def _attempts(
-    lines: tuple[str, ...], text_px: int, first: int
-) -> Iterator[tuple[int, int, tuple[str, ...]]]:
-    """The size of letters, the number of columns, and the lines, in the order of trials: all lines,
-    smaller and smaller, then a part of the keys, beginning with the line `first`.
-    """
-    if not first:
-        for size_px in range(text_px, MIN_TEXT_PX - 1, -1):
-            for cols in (1, 2) if "" in lines else (1,):
-                yield size_px, cols, lines
-    if "" in lines:
-        for count in range(len(lines) - first, 0, -1):
-            yield MIN_TEXT_PX, 1, lines[first : first + count]
-
-
 @lru_cache(4)
 def text_panel(
     text: Overlay,
@@ -525,26 +501,23 @@ def text_panel(
     text_px: int,
     top_px: int = EDGE_PX,
     lit: Highlight = NO_HIGHLIGHT,
-    first: int = 0,
 ) -> ItemPanel:
     """The title and lines of text with a cross, its items and its inset, between top_px and
     bottom_px: at the left, in the middle with a title, and at the bottom with items. Letters are
-    smaller if they do not fit. Then lines are on several pages; first: the line that this one
-    begins with.
+    smaller, and stand in more columns, if they do not fit.
 
     White on black is the same for both eyes, so text lies in the plane of the screen through any
     glasses. The inset is omitted if it does not fit.
     """
-    lines = text.lines
+    sections = [part.split("\n") for part in "\n".join(text.lines).split("\n\n")]
+    keys = [line.split("\t") for line in text.lines if "\t" in line]
     room = TEXT_SHARE * (window_px[0] - 2 * EDGE_PX), bottom_px - top_px - EDGE_PX
-    for size_px, cols, shown in _attempts(lines, text_px, first):
-        sections = [part.split("\n") for part in "\n".join(shown).strip("\n").split("\n\n")]
-        items = (*text.items, *(TURNS if len(shown) < len(lines) else ()))
+    sizes = product(range(text_px, SMALLEST_TEXT_PX - 1, -1), range(1, 4 if text.title else 2))
+    for size_px, cols in sizes:
         unit = unit_px(size_px)
         pad, cross_px = 2 * unit, CONTROL_UNITS * unit
         title = written(text.title, round(HEADING * size_px), TEXT, True)
-        head_px = pad + title.get_height() * bool(text.title)
-        keys = [line.split("\t") for line in lines if "\t" in line]
+        top = pad + (title.get_height() + unit) * bool(text.title)
         key_px = max((_key_px(key, size_px, unit) for key in keys), default=-2 * unit) + 2 * unit
         aside_px = 0 if text.title else cross_px - unit  # beside the first line
         wrap_px = int(room[0] - 2 * pad - aside_px - (cols - 1) * COLUMN_UNITS * unit) // cols
@@ -552,20 +525,17 @@ def text_panel(
         blocks = [_block(part, size_px, key_px, wrap_px) for part in sections]
         places = _columns(blocks, cols, unit)
         body = pygame.Rect.unionall(places[0], places[1:])
-        width = max(body.width + aside_px, title.get_width() + cross_px) + 2 * pad
-        height = head_px + (unit if text.title else 0) + body.height + pad
-        widths = [_button_px(item, size_px, unit) for item in items]
+        widths = [_button_px(item, size_px, unit) for item in text.items]
         rects = _flow(widths, round(room[0] - 2 * pad), CONTROL_UNITS * unit, unit)
-        if rects:
-            row = pygame.Rect.unionall(rects[0], rects[1:])
-            width, height = max(width, row.width + 2 * pad), height + row.height + unit
+        row = pygame.Rect(0, 0, 0, -unit).unionall(rects)
+        width = max(body.width + aside_px, title.get_width() + cross_px, row.width) + 2 * pad
+        height = top + body.height + unit + row.height + pad
         if width <= room[0] and height <= room[1]:
             break
-    top = head_px + (unit if text.title else 0)
     blits = [(block, place.move(pad, top)) for block, place in zip(blocks, places, strict=True)]
     cells = [
         (item, rect.move(pad, height - pad - row.height))
-        for item, rect in zip(items, rects, strict=True)
+        for item, rect in zip(text.items, rects, strict=True)
     ]
     if text.inset is not None and height + text.inset.shape[0] + pad <= room[1]:
         inset = pygame.image.frombuffer(text.inset.tobytes(), text.inset.shape[1::-1], "BGR")
@@ -580,7 +550,7 @@ def text_panel(
     x = (window_px[0] - width) // 2 if text.title or text.items else EDGE_PX
     middle = top_px + max(0, room[1] - height) // 2 if text.title else top_px
     at = round(x), round(bottom_px - height - EDGE_PX if text.items else middle)
-    return ItemPanel(surface=surface, at=at, cells=cells, page=len(shown))
+    return ItemPanel(surface=surface, at=at, cells=cells)
 
 
 def _key_px(key: Sequence[str], text_px: int, unit: int) -> int:
@@ -622,48 +592,43 @@ def notice_panel(
     return ItemPanel(surface=surface, at=((window_px[0] - width) // 2, top_px), cells=cells)
 
 
-@lru_cache(2)
-def caption_panel(
-    lines: tuple[str, ...], bottom_px: int, window_px: Place, text_px: int
-) -> ItemPanel:
-    """A title and lines in large letters at the bottom left."""
-    text_px = round(CAPTION * text_px)
-    unit = unit_px(text_px)
-    wrap_px = round(0.6 * window_px[0])
-    parts = [
-        written(line, round(text_px * (1 if k else HEADING)), SECOND if k else TEXT, not k, wrap_px)
-        for k, line in enumerate(filter(None, lines))
-    ]
+def _stacked(parts: Sequence[pygame.Surface], unit: int, aside_px: int = 0) -> pygame.Surface:
+    """A panel of parts below each other, beside a free space."""
     height = sum(part.get_height() for part in parts) + 2 * unit
-    surface = panel_surface(max(part.get_width() for part in parts) + 4 * unit, height, unit)
+    width = max(part.get_width() for part in parts) + 4 * unit + aside_px
+    surface = panel_surface(width, height, unit)
     y = unit
     for part in parts:
-        surface.blit(part, (2 * unit, y))
+        surface.blit(part, (2 * unit + aside_px, y))
         y += part.get_height()
-    return ItemPanel(surface=surface, at=(EDGE_PX, bottom_px - height))
+    return surface
 
 
 @lru_cache(2)
-def turn_panel(
-    items: tuple[Item, ...], bottom_px: int, window_px: Place, text_px: int, lit: Highlight
-) -> ItemPanel:
-    """Large buttons at the bottom right."""
-    side = round(CAPTION * CONTROL_UNITS * unit_px(text_px))
-    surface = panel_surface(side * len(items), side, unit_px(text_px))
-    cells = [(item, pygame.Rect(k * side, 0, side, side)) for k, item in enumerate(items)]
-    for item, rect in cells:
-        _draw_button(surface, round(CAPTION * text_px), item, rect, lit, unit_px(text_px))
-    at = window_px[0] - EDGE_PX - surface.get_width(), bottom_px - side
-    return ItemPanel(surface=surface, at=at, cells=cells)
-
-
-@lru_cache(2)
-def elapsed_panel(share: float, window_px: Place, unit: int) -> ItemPanel:
-    """A bar along the bottom."""
-    surface = pygame.Surface((window_px[0], unit // 2))
-    surface.fill(CARD)
-    surface.fill(ACCENT, (0, 0, round(share * window_px[0]), unit // 2))
-    return ItemPanel(surface=surface, at=(0, window_px[1] - unit // 2))
+def caption_panels(
+    overlay: Overlay, bottom_px: int, window_px: Place, text_px: int, lit: Highlight
+) -> list[ItemPanel]:
+    """What visitors see of an exhibition: a title and lines at the bottom left and buttons at the
+    right, all large, and the time that has passed.
+    """
+    unit, large_px = unit_px(text_px), round(CAPTION * text_px)
+    title, *lines = filter(None, overlay.caption)
+    wrap_px = round(0.6 * window_px[0])
+    parts = [written(title, round(HEADING * large_px), TEXT, True, wrap_px)]
+    parts += [written(line, large_px, SECOND, wrap_px=wrap_px) for line in lines]
+    about = _stacked(parts, unit_px(large_px))
+    panels = [ItemPanel(surface=about, at=(EDGE_PX, bottom_px - about.get_height()))]
+    if overlay.items:
+        turns = notice_panel(Notice("", overlay.items), 0, window_px, large_px, lit)
+        right, height = window_px[0] - EDGE_PX, turns.bottom_px
+        at = right - turns.surface.get_width(), bottom_px - height
+        panels.append(attrs.evolve(turns, at=at))
+    if overlay.elapsed is not None:
+        time_bar = pygame.Surface((window_px[0], unit // 2))
+        time_bar.fill(CARD)
+        time_bar.fill(ACCENT, (0, 0, round(overlay.elapsed * window_px[0]), unit // 2))
+        panels.append(ItemPanel(surface=time_bar, at=(0, window_px[1] - unit // 2)))
+    return panels
 
 
 @lru_cache(2)
@@ -672,22 +637,16 @@ def scene_panel(
 ) -> ItemPanel:
     """The scene's name at the top left, and what is being done with it."""
     unit = unit_px(text_px)
-    words = written(_shortened(drawable(name), text_px, window_px[0] // 2), text_px, TEXT, True)
-    below = written(step, text_px, SECOND)
-    width = words.get_width()
-    height = words.get_height() + 2 * unit
+    name = _shortened(drawable(name), text_px, window_px[0] // 2)
+    parts = [written(name, text_px, TEXT, True)]
     if step:
-        width = max(width, below.get_width(), CHIP_LETTERS * text_px)
-        height += below.get_height() + 3 * unit // 2
-    surface = panel_surface(width + 4 * unit, height, unit)
-    surface.blit(words, (2 * unit, unit))
-    if step:
-        surface.blit(below, (2 * unit, unit + words.get_height()))
-        groove = pygame.Rect(2 * unit, height - 3 * unit // 2, width, max(3, unit // 2))
-        pygame.draw.rect(surface, OFF, groove, border_radius=unit // 4)
-        groove.width = round((share or 0.0) * width)
-        pygame.draw.rect(surface, ACCENT, groove, border_radius=unit // 4)
-    return ItemPanel(surface=surface, at=(EDGE_PX, EDGE_PX))
+        groove = pygame.Rect(0, unit // 2, CHIP_LETTERS * text_px, unit // 2)
+        bar = pygame.Surface((groove.width, 3 * unit // 2), pygame.SRCALPHA)
+        pygame.draw.rect(bar, OFF, groove, border_radius=unit // 4)
+        groove.width = round((share or 0.0) * groove.width)
+        pygame.draw.rect(bar, ACCENT, groove, border_radius=unit // 4)
+        parts += [written(step, text_px, SECOND), bar]
+    return ItemPanel(surface=_stacked(parts, unit), at=(EDGE_PX, EDGE_PX))
 
 
 @lru_cache(4)
@@ -696,12 +655,10 @@ def dot_panel(
 ) -> ItemPanel:
     """A dot and text at the top right."""
     unit = unit_px(text_px)
-    words = written(text, text_px, TEXT)
-    radius = unit // 2 + 1
-    surface = panel_surface(words.get_width() + 6 * unit, words.get_height() + 2 * unit, unit)
-    pygame.draw.aacircle(surface, colour, (5 * unit // 2, surface.get_height() // 2), radius)
-    pygame.draw.circle(surface, colour, (5 * unit // 2, surface.get_height() // 2), radius - 1)
-    surface.blit(words, (4 * unit, unit))
+    surface = _stacked([written(text, text_px, TEXT)], unit, 2 * unit)
+    place, radius = (5 * unit // 2, surface.get_height() // 2), unit // 2 + 1
+    pygame.draw.aacircle(surface, colour, place, radius)
+    pygame.draw.circle(surface, colour, place, radius - 1)
     return ItemPanel(surface=surface, at=(window_px[0] - surface.get_width() - EDGE_PX, top_px))
 
 
@@ -730,8 +687,6 @@ class OverlayView:
         self._bar_from_s = math.inf  # when the bar appears, for BAR_S
         self._edge_px = 0  # pointer motion below shows the bar or keeps it
         self._menu: ItemPanel | None = None
-        self._lines = 0  # of text, on the page that is shown
-        self._firsts = [0]  # the first lines of the pages of text up to the one that is shown
 
     def set(self, overlay: Overlay) -> None:
         """Replaces the overlay."""
@@ -743,8 +698,6 @@ class OverlayView:
                 if old is None or old.title != menu.title
                 else min(self._at, len(menu.items) - 1)
             )
-        if overlay.lines != self._overlay.lines:
-            self._firsts, self._lines = [0], len(overlay.lines)
         self._overlay = overlay
 
     @property
@@ -783,16 +736,17 @@ class OverlayView:
             page = Overlay(
                 title=overlay.title, lines=overlay.lines, inset=overlay.inset, items=overlay.items
             )
-            lit = self._highlight_of(CLOSE, *overlay.items, *TURNS)
+            lit = self._highlight_of(CLOSE, *overlay.items)
             is_small = bar_top_px < SMALL * below_px
             from_px = EDGE_PX if overlay.items or is_small else below_px
             place = bar_top_px, window_px, text_px, from_px
-            pages.append(text_panel(page, *place, lit, self._firsts[-1]))
-            self._lines = pages[0].page
+            pages.append(text_panel(page, *place, lit))
             bottom_px = pages[0].top_px if overlay.items else bottom_px
         bottom_px -= GAP_PX
         if overlay.caption:
-            pages += self._captions(overlay, bottom_px, window_px, text_px)
+            lit = self._highlight_of(*overlay.items)
+            shown = Overlay(caption=overlay.caption, items=overlay.items, elapsed=overlay.elapsed)
+            pages += caption_panels(shown, bottom_px - EDGE_PX, window_px, text_px, lit)
             bottom_px = min(panel.top_px for panel in pages) - GAP_PX
         for notice in reversed(overlay.notices):
             if notice.items and overlay.menu is not None:  # one question at a time
@@ -806,7 +760,7 @@ class OverlayView:
                 bottom_px = notices[-1].top_px - GAP_PX
         self._menu = None
         if overlay.menu is not None:
-            area_px = window_px[0], min(bar_top_px, bottom_px)
+            area_px = window_px[0], bar_top_px
             lit = self._highlight_of(CLOSE, *TURNS, *overlay.menu.items)
             corners = corners[:1] if overlay.recording else []
             over_px = max((corner.bottom_px for corner in corners), default=0)
@@ -833,19 +787,6 @@ class OverlayView:
             self._pointer_px
         )
 
-    def _captions(
-        self, overlay: Overlay, bottom_px: int, window_px: Place, text_px: int
-    ) -> list[ItemPanel]:
-        """What visitors see of an exhibition."""
-        place = bottom_px - EDGE_PX, window_px, text_px
-        panels = [caption_panel(overlay.caption, *place)]
-        if overlay.items:
-            lit = self._highlight_of(*overlay.items)
-            panels.append(turn_panel(overlay.items, *place, lit))
-        if overlay.elapsed is not None:
-            panels.append(elapsed_panel(overlay.elapsed, window_px, unit_px(text_px)))
-        return panels
-
     def _corners(self, is_awake: bool, window_px: Place, text_px: int) -> list[ItemPanel]:
         """The recording, the viewer and the scene in the upper corners."""
         overlay = self._overlay
@@ -868,15 +809,6 @@ class OverlayView:
         if key == "escape":
             covered = menu is not None or bool(self._overlay.lines)
             return Event("close" if covered else "leave-fullscreen")
-        if self._overlay.types and (key in DIGITS or key == "backspace"):
-            return Event("type", key)
-        first, count = self._firsts[-1], len(self._overlay.lines)
-        if menu is None and self._lines < count and key in ("pageup", "pagedown"):
-            if key == "pageup":
-                self._firsts = self._firsts[:-1] or [0]
-            elif first + self._lines < count:
-                self._firsts.append(first + self._lines)
-            return None
         if menu is None or self._menu is None:
             return _action(key)
         if key in MOVES:
