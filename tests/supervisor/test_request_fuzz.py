@@ -17,7 +17,7 @@ from lfpipe.transport import control
 from tests.support.world import World, answer_of, connected
 
 Message = dict[str, Any]
-COUNT = int(os.environ.get("LFPIPE_FUZZ", "400"))
+COUNT = int(os.environ.get("LFPIPE_FUZZ", "200"))
 AS_STAGE = COUNT // 20  # requests from clients with the name of a stage
 LEFT_OUT = ("stop",)  # it does what it is asked, whatever else it says
 NUMBERS = [0, 1, -1, 2**63 - 1, -(2**63), 2**64 - 1, 1e-300, 1e308, 0.5]
