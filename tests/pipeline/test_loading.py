@@ -8,6 +8,7 @@ import psutil
 import pytest
 
 from lfpipe import config
+from lfpipe.errors import UserError
 from lfpipe.scene.packer import playlist
 from tests.scene import made
 from tests.support.world import World, write_scene
@@ -23,7 +24,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
 @pytest.mark.live
 def test_a_scene_that_cannot_be_opened_is_stepped_over(tmp_path: Path) -> None:
     scenes = [write_scene(tmp_path / name, 2, 2) for name in ("amber", "birch", "cedar")]
-    with World(tmp_path / "world") as world:
+    with World(tmp_path) as world:
         world.shows(*scenes, pictures=3)
         for picture in scenes[1].iterdir():
             picture.write_bytes(b"")
@@ -31,7 +32,8 @@ def test_a_scene_that_cannot_be_opened_is_stepped_over(tmp_path: Path) -> None:
             assert world.ask(cmd="load", step=1)["ok"]
             options = world.ask(cmd="hello")["options"]
             assert options["playlist_at"] == at and [*options["unusable"]] == [str(scenes[1])]
-        assert not world.ask(cmd="load", at=1)["ok"]
+        with pytest.raises(UserError, match="not a readable picture"):
+            world.ask(cmd="load", at=1)
 
 
 def mapped(pid: int) -> set[str]:

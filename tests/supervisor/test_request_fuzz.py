@@ -125,7 +125,11 @@ def test_mutated_requests_end_no_session_and_leave_nothing(world: World, scene: 
         assert answer_of(client, large)["ok"] is False
     send_telemetry_of_any_shape(world)
     world.ask(cmd="resume")
-    world.more_pictures(5)
+    # the trace may have been stopped
+    shown = world.monitor()["stages"]["render"]["count"]
+    world.wait_for(
+        lambda: world.monitor()["stages"]["render"]["count"] > shown + 5, "further pictures"
+    )
     assert not [one for one in world.monitor()["stages"].values() if one["restarts"]]
     assert {path.name for path in world.root.iterdir()} <= before | {"settings", "cache", "state"}
     with control.context() as ctx:
