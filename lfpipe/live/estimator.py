@@ -36,9 +36,13 @@ SEARCH_EVERY = 4  # one of so many frames is searched for flow
 # them, and of how many there are multiples.
 BLOCK_PX, STEPS_COST, SLOPE_LEVELS = 3, (8, 32), 63
 MARGIN_PX, MOST, MULTIPLE = 2, 64, 16
-# Of the refinement: around a pixel, whose nearest and farthest disparities are tried; windows of
-# what fits, and of the least squares; grey levels by which another one must fit better.
-NEAR = np.ones((7, 3), np.uint8)
+# Of the refinement: around a pixel, the nearest and farthest disparities are tried, in this order;
+# windows of what fits, and of the least squares; grey levels by which another one must fit better.
+TRIED = [
+    (extreme, np.ones(near, np.uint8))
+    for near in ((7, 3), (3, 1))
+    for extreme in (cv2.dilate, cv2.erode)
+]
 FIT_PX, LEAST_PX, BETTER_LEVELS = (3, 3), (7, 7), 4
 # px by which least squares move one, for the picture is linear within them; squared grey levels per
 # px^2 below which a picture says little.
@@ -206,12 +210,12 @@ def _misfit(a: Grey, b: Grey, disparity: FloatMap) -> NDArray[np.uint16]:
 def _refined(a: Grey, b: Grey, disparity: FloatMap) -> FloatMap:
     """Disparity of neighbours where it fits better, and what remains."""
     best, least = disparity.copy(), _misfit(a, b, disparity)
-    for extreme in (cv2.dilate, cv2.erode):
-        other = np.asarray(extreme(disparity, NEAR), np.float32)
+    for extreme, near in TRIED:
+        other = np.asarray(extreme(best, near), np.float32)
         misfit = _misfit(a, b, other) + np.uint16(BETTER_LEVELS)
         cv2.copyTo(other, cv2.compare(misfit, least, cv2.CMP_LT), best)
         cv2.min(least, misfit, least)
-    return best + _rest(a, b, best, (1, 0))
+    return np.asarray(cv2.medianBlur(best + _rest(a, b, best, (1, 0)), 3), np.float32)
 
 
 def _rest(a: Grey, b: Grey, disparity: FloatMap, along: tuple[int, int]) -> FloatMap:
