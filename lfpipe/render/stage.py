@@ -61,7 +61,7 @@ from lfpipe.render.motion_latency import MotionLatencyRow
 from lfpipe.render.presenter import Listener, Presenter
 from lfpipe.render.synthesis.painter import Painters, open_painters
 from lfpipe.render.synthesis.scoring import measure_costs
-from lfpipe.render.ui.controller import ACTIONS, Ui
+from lfpipe.render.ui.controller import Ui
 from lfpipe.render.ui.files import Files
 from lfpipe.render.viewer.mouse_look import MouseLook
 from lfpipe.render.viewer.presence import ViewerState
@@ -181,7 +181,6 @@ class RenderStage:
             self._presenter,
             self._mouse,
             self._display,
-            ACTIONS,
             self._files,
         )
         middle = ((self._field.rows - 1) / 2, (self._field.cols - 1) / 2)

@@ -41,11 +41,6 @@ def remember_scene(path: Path) -> None:
     _write(list(dict.fromkeys([path.resolve(), *recent_scenes()]))[:COUNT])
 
 
-def forget_scene(path: Path) -> None:
-    """Removes a scene from the list; its files stay."""
-    _write([scene for scene in _read() if scene != path])
-
-
 def _write(paths: list[Path]) -> None:
     with contextlib.suppress(OSError):
         write_file(_file(), json.dumps([str(path) for path in paths]).encode())

@@ -28,7 +28,7 @@ class Event:
     name: str
     """An action of the session, as "recentre"."""
     text: str = ""
-    """A path for "load" and "delete"; the kind of glasses for "wear"."""
+    """A path for "load"; the kind of glasses for "wear"."""
     value: float = 0.0
     """Position of a slider, 0 to 1."""
 
@@ -65,9 +65,8 @@ class Item:
 
 @attrs.frozen
 class Menu:
-    """A choice: arrows and Enter, or a click, select an item's event; Delete emits "delete" with
-    the event's text. A menu of the same title replaces the one on the screen and keeps its
-    selection.
+    """A choice: arrows and Enter, or a click, select an item's event. A menu of the same title
+    replaces the one on the screen and keeps its selection.
     """
 
     title: str

@@ -39,7 +39,6 @@ NAMES = {
     pygame.K_F11: "f11",
     pygame.K_ESCAPE: "escape",
     pygame.K_TAB: "tab",
-    pygame.K_DELETE: "delete",
     pygame.K_LEFT: "left",
     pygame.K_RIGHT: "right",
     pygame.K_UP: "up",

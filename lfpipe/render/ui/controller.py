@@ -69,10 +69,8 @@ class Ui:
         presenter: Presenter,
         mouse: MouseLook,
         display: Display,
-        actions: "Mapping[str, Callable[[Ui, Event], None]]",
         files: Files,
     ) -> None:
-        """actions: event name -> action."""
         self.context = context
         self.viewer = viewer
         self.presenter = presenter
@@ -97,27 +95,19 @@ class Ui:
         self._pointer = Pointer()
         self._display = display
         self._overlay = Overlay()
-        self._actions = actions
         self.dismissed = False
         self._changes = ChangeNotices(context, viewer, self.notices, files)
-        first = not context.row["restarts"]
-        self.page: Page | None = (
-            self.glasses_question if context.options.ask_glasses and first else None
-        )
+        options, first = context.options, not context.row["restarts"]
+        self.page: Page | None = self.glasses_question if options.ask_glasses and first else None
         """The page over the picture."""
         # opens after the question and the test of the glasses
-        self._waiting = self._first_page() if first else None
-        if not (context.options.lock_code or self.page or self._waiting):
+        self._waiting: Page | None = self.calibration if options.calibrate_mm and first else None
+        if options.start and first:
+            self._waiting = self.scene_page
+        if not (options.lock_code or self.page or self._waiting):
             self.notices.show("hint", HINT, HINT_NS)
         self._changes.show_doubts()
         self._set_overlay(now_ns())  # keys that are pressed now are for the menu
-
-    def _first_page(self) -> Page | None:
-        """The page that a session begins with, beside the question about the glasses."""
-        options = self.context.options
-        if options.start:
-            return self.scene_page
-        return self.calibration if options.calibrate_mm else None
 
     @property
     def _shows_demo(self) -> bool:
@@ -169,8 +159,8 @@ class Ui:
             return
         if event.name in CLOSING and not (self.page and self.page.stays):
             self.close_page()
-        if event.name in self._actions:
-            self._actions[event.name](self, event)
+        if event.name in ACTIONS:
+            ACTIONS[event.name](self, event)
 
     def handle(self, answer: Answer) -> None:
         """Handles the answer to a request of the window."""

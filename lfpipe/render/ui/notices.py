@@ -145,7 +145,7 @@ def metrics(context: Context, viewer: Viewer) -> tuple[str, ...]:
     if views:
         places = ("Left eye", views.left[1]), ("Right eye", views.right[1])
         last = max(1, field.cols - 1)
-        lines += ["", f"Place among {field.cols} columns of views"]
+        lines += ["", f"Column of {field.cols}"]
         lines += [f"{name}\t{col + 1:.1f}\t{col / last}" for name, col in places]
     return tuple(lines)
 

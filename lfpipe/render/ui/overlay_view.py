@@ -274,7 +274,7 @@ def tip_panel(item: Item, over: tuple[int, int], window_px: Place, text_px: int)
     """
     key = f" ({item.key})" if item.key else ""
     tip = Notice(item.label + key + f": {item.more}" * item.off)
-    panel = notice_panel(tip, over[1] - GAP_PX, window_px, text_px)
+    panel = notice_panel(tip, over[1] - GAP_PX, False, window_px, text_px)
     most_px = window_px[0] - EDGE_PX - panel.surface.get_width()
     x = min(max(over[0] - panel.surface.get_width() // 2, EDGE_PX), most_px)
     return ItemPanel(surface=panel.surface, at=(x, panel.top_px))
@@ -561,9 +561,14 @@ def _key_px(key: Sequence[str], text_px: int, unit: int) -> int:
 
 @lru_cache(8)
 def notice_panel(
-    notice: Notice, y_px: int, window_px: Place, text_px: int, lit: Highlight = NO_HIGHLIGHT
+    notice: Notice,
+    y_px: int,
+    below: bool,
+    window_px: Place,
+    text_px: int,
+    lit: Highlight = NO_HIGHLIGHT,
 ) -> ItemPanel:
-    """A notice above y_px, or below it if it has items, which stand beside the text or below it."""
+    """A notice above or below y_px; its items stand beside the text or below it."""
     unit = unit_px(text_px)
     pad = 2 * unit
     room = window_px[0] - 2 * EDGE_PX - 2 * pad
@@ -583,12 +588,12 @@ def notice_panel(
     middle = height // 2 if beside or not rects else unit + text.get_height() // 2
     surface.blit(text, text.get_rect(midleft=(pad, middle)))
     cells = [
-        (item, rect.move(pad + at[0], unit + at[1] * 1))
+        (item, rect.move(pad + at[0], unit + at[1]))
         for item, rect in zip(notice.items, rects, strict=True)
     ]
     for item, rect in cells:
         _draw_button(surface, text_px, item, rect, lit, unit)
-    top_px = y_px if notice.items else y_px - height
+    top_px = y_px if below else y_px - height
     return ItemPanel(surface=surface, at=((window_px[0] - width) // 2, top_px), cells=cells)
 
 
@@ -619,7 +624,7 @@ def caption_panels(
     about = _stacked(parts, unit_px(large_px))
     panels = [ItemPanel(surface=about, at=(EDGE_PX, bottom_px - about.get_height()))]
     if overlay.items:
-        turns = notice_panel(Notice("", overlay.items), 0, window_px, large_px, lit)
+        turns = notice_panel(Notice("", overlay.items), 0, True, window_px, large_px, lit)
         right, height = window_px[0] - EDGE_PX, turns.bottom_px
         at = right - turns.surface.get_width(), bottom_px - height
         panels.append(attrs.evolve(turns, at=at))
@@ -751,10 +756,11 @@ class OverlayView:
         for notice in reversed(overlay.notices):
             if notice.items and overlay.menu is not None:  # one question at a time
                 continue
-            y_px = below_px if notice.items else bottom_px
             lit = self._highlight_of(*notice.items)
-            notices.append(notice_panel(notice, y_px, window_px, text_px, lit))
-            if notice.items:
+            at_top = bool(notice.items) and not overlay.lines
+            y_px = below_px if at_top else bottom_px
+            notices.append(notice_panel(notice, y_px, at_top, window_px, text_px, lit))
+            if at_top:
                 below_px = notices[-1].bottom_px + GAP_PX
             else:
                 bottom_px = notices[-1].top_px - GAP_PX
@@ -814,10 +820,7 @@ class OverlayView:
         if key in MOVES:
             self._at = self._moved(menu, self._menu.places, key)
             return None
-        event = menu.items[self._at].event
-        if key == "enter":
-            return event
-        return Event("delete", event.text) if key == "delete" else _action(key)
+        return menu.items[self._at].event if key == "enter" else _action(key)
 
     def _moved(self, menu: Menu, places: dict[int, pygame.Rect], key: str) -> int:
         """The number of the item that a key selects."""

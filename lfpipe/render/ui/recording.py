@@ -59,7 +59,7 @@ class RecordingIndicator:
                 self._ending = Path(self._folder), t_ns + FLUSH_NS
                 self._length_s = (t_ns - self._began_ns) // SECOND_NS
             elif folder:
-                self._notices.show("record", "Recording the camera")
+                self._notices.show("record", "Recording")
             self._folder, self._began_ns = folder, t_ns
         if self._ending is not None:
             self._show_ended(*self._ending, t_ns)

@@ -29,7 +29,6 @@ from lfpipe.render.ui.notices import (
 from lfpipe.render.ui.pages import Page
 from lfpipe.scene.cache import cache_dir, packed
 from lfpipe.scene.files import HOLDS_ALL, PICTURES, read_bytes
-from lfpipe.scene.recent_scenes import forget_scene
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.control import Answer, Message
@@ -184,7 +183,6 @@ class ScenePage(Page):
         super().__init__()
         self._context = context
         self._files = files
-        self._removed = set[str]()  # from the start page
         self._pictures: dict[str, Seen] = {}
         self._camera: Reader | None = None
         self._camera_due_ns = 0
@@ -199,7 +197,7 @@ class ScenePage(Page):
         own = [scene for scene in options.playlist if not self._is_own(scene)]
         demos = [scene for scene in options.playlist if self._is_own(scene)]
         for heading, scenes in (("Recent" if options.start else "Scenes", own), ("Demos", demos)):
-            tiles = [self._tile(scene) for scene in scenes if scene not in self._removed]
+            tiles = [self._tile(scene) for scene in scenes]
             items += [Item(heading, row=True), *tiles] if tiles else []
         at = next((k for k, item in enumerate(items) if item.event.text == shown), 0)
         return Menu("lfpipe" if options.start else "Choose a scene", tuple(items), at)
@@ -237,16 +235,6 @@ class ScenePage(Page):
     def _is_own(self, scene: str) -> bool:
         """Whether a scene is of our own making: it is always there."""
         return Path(scene).is_relative_to(cache_dir(self._context.config.scene))
-
-    def take(self, event: Event) -> bool:
-        """Delete takes a scene off the start page; the demos stay, and so do all files."""
-        if event.name != "delete":
-            return False
-        options = self._context.options
-        if options.start and event.text in options.playlist and not self._is_own(event.text):
-            self._removed.add(event.text)
-            self._files.do(partial(forget_scene, Path(event.text)))
-        return True
 
     def overlay(self, t_ns: int) -> Overlay:
         is_tracked = self._context.options.viewer.tracked
