@@ -114,24 +114,19 @@ class ControlSockets:
         except BadMessage as error:
             why = f"the answer cannot be sent: {error}"
             data = control.encode({"ok": False, "error": why, **repeated})
-        self._send(request.client, data)
+        self.send_encoded(request.client, data)
 
     def send(self, stage: str, message: Message) -> None:
         """Sends a message to a stage. It is lost if the stage is not connected; the stage will send
         hello later.
         """
-        self._send(stage.encode(), control.encode(message))
-
-    def broadcast(self, stages: tuple[str, ...], message: bytes) -> None:
-        """Sends an encoded message to several stages."""
-        for stage in stages:
-            self._send(stage.encode(), message)
+        self.send_encoded(stage.encode(), control.encode(message))
 
     def publish(self, topic: str, **values: Any) -> None:
         """Sends a message to every subscriber of the tap."""
         self._tap.send(control.encode({"topic": topic, "t_ns": now_ns(), **values}))
 
-    def _send(self, client: bytes, data: bytes) -> None:
+    def send_encoded(self, client: bytes, data: bytes) -> None:
         """Sends a message, which is lost if the client has gone or does not read."""
         self._ctl.send_multipart([client, data])
 

@@ -209,8 +209,22 @@ class QualityControl:
         """Reads the table, at most every SAMPLE_NS; returns the resulting change of level,
         if any.
         """
-        if state.levels != self._levels:
-            self._begin(state.levels)
+        if state.levels != self._levels:  # begins at full quality
+            self._levels = state.levels
+            # the stages that run faster at a level share cores with the relieved one
+            helped = [
+                {
+                    name
+                    for name in CORE
+                    if self._cores.get(name) == self._cores.get(DOES[level.work])
+                }
+                for level in self._levels[1:]
+            ]
+            # Levels are lowered in order: a stage that only a later
+            # level relieves needs the earlier ones too.
+            self._governor = Governor(
+                [frozenset[str]().union(*helped[number:]) for number in range(len(helped))]
+            )
         if len(self._levels) == 1 or t_ns < self._due_ns:
             return None
         self._due_ns = t_ns + SAMPLE_NS
@@ -239,18 +253,3 @@ class QualityControl:
             for name, now in counts.items()
         }
         return self._governor.update(t_ns, loads)
-
-    def _begin(self, levels: tuple[QualityLevel, ...]) -> None:
-        """Replaces the levels, and starts at full quality."""
-        self._levels = levels
-        helped = [self._relieved(level) for level in levels[1:]]
-        # Levels are lowered in order: a stage that only a later
-        # level relieves needs the earlier ones too.
-        self._governor = Governor(
-            [frozenset[str]().union(*helped[number:]) for number in range(len(helped))]
-        )
-
-    def _relieved(self, level: QualityLevel) -> frozenset[str]:
-        """The stages that run faster at a level: those that share cores with the relieved stage."""
-        cores = self._cores.get(DOES[level.work])
-        return frozenset(name for name in CORE if self._cores.get(name) == cores)

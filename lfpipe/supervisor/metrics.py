@@ -164,15 +164,14 @@ def session_metrics(
         for name, row in rows.items()
         if name in CORE or row["state"] != State.NONE
     }
-    source: dict[str, Any] = stages[SOURCE].metrics
     display: dict[str, Any] = stages[SHOWN_BY].metrics
     # without pictures, no stage follows the viewer
     follows = stages[SHOWN_BY].state != State.NONE.name or not stages[TRACKED_BY].face
     level = int(quality["level"])
     description = quality["words"].item().decode(errors="replace")
     planned, juddered = display["planned"], display["juddered"]
-    current = notices(rows, SOURCE, SHOWN_BY, display["t_face_ns"], source)
-    now = [notice.text for notice in current]
+    t_face_ns, source = display["t_face_ns"], stages[SOURCE].metrics
+    now = [notice.text for notice in notices(rows, SOURCE, SHOWN_BY, t_face_ns, source)]
     return SessionMetrics(
         session=session,
         uptime_s=round((now_ns() - started_ns) / 1e9, 2),

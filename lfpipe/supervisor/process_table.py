@@ -18,12 +18,6 @@ from lfpipe.track.metrics import METRICS as TRACK_METRICS
 from lfpipe.transport.ring import RingSpec
 from lfpipe.transport.ring_io import Stage as Stage
 
-
-def _feeds(options: SessionOptions) -> bool:
-    records = bool(options.record) and not isinstance(options.viewer, MouseViewer)
-    return options.viewer.tracked or records
-
-
 # scores a scene's methods; run by the packer, which must not import the rendering packages
 SCORER = "lfpipe.render.synthesis.scoring:scores"
 FRAMES_BYTES = 16 << 20
@@ -33,7 +27,10 @@ STAGES: tuple[Stage, ...] = (
     Stage(
         name="capture",
         module="lfpipe.capture.stage",
-        needed=_feeds,
+        needed=lambda options: (
+            options.viewer.tracked
+            or (bool(options.record) and not isinstance(options.viewer, MouseViewer))
+        ),
         writes=("frames",),
         restart_on_viewer_change=True,
         metrics=CAPTURE_METRICS,
@@ -90,13 +87,6 @@ DOES = {"pictures": SHOWN_BY, "eyes": TRACKED_BY}
 CORE = tuple(stage.name for stage in STAGES if not stage.optional)
 
 
-def frame_ring(config: Config) -> RingSpec:
-    """The ring of the viewer's frames."""
-    width_px, height_px = config.camera.frame_px
-    shape = (height_px, width_px, 3)
-    return RingSpec(shape, np.dtype("u1"), slots=min(max(FRAMES_BYTES // math.prod(shape), 4), 8))
-
-
 def written(options: SessionOptions, specs: Mapping[str, RingSpec]) -> dict[str, RingSpec]:
     """Those of the rings that a session with these options writes. Eyes have a second writer:
     render, where the mouse is the viewer.
@@ -107,8 +97,10 @@ def written(options: SessionOptions, specs: Mapping[str, RingSpec]) -> dict[str,
 
 def rings(config: Config, options: SessionOptions) -> dict[str, RingSpec]:
     """The rings between the stages of a session, without those that it has on demand."""
-    specs = {"frames": frame_ring(config), "eyes": RingSpec((), EYES, slots=8)}
-    return written(options, specs)
+    shape = (*reversed(config.camera.frame_px), 3)
+    slots = min(max(FRAMES_BYTES // math.prod(shape), 4), 8)
+    frames, eyes = RingSpec(shape, np.dtype("u1"), slots), RingSpec((), EYES, slots=8)
+    return written(options, {"frames": frames, "eyes": eyes})
 
 
 # rings that exist from the first time that a stage asks for them

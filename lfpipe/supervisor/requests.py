@@ -10,7 +10,6 @@ import logging
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from types import MappingProxyType
 from typing import Any, Protocol
 
 import attrs
@@ -305,7 +304,7 @@ def on_load(
     state: SessionState,
     scene: SceneSummary,
     scenes: Sequence[str],
-    unusable: Mapping[str, str] = MappingProxyType({}),
+    unusable: Mapping[str, str],
 ) -> Reply:
     """The reply to a request for a scene that can be shown now, the first of scenes: a folder of
     light fields is the new playlist; another scene that is not in the playlist begins it. unusable:

@@ -410,12 +410,11 @@ class LiveSession:
         """Shows the user telemetry for people, or logs it."""
         notes = message.get("notes")
         for text in notes if isinstance(notes, list) and notes else [message.get("text")]:
-            if not (isinstance(text, str) and text):
-                continue
-            if message["topic"] in LOGGED_TOPICS:
-                logger.info("%.500s", text)
-                continue
-            self.notify(plain(text))
+            if isinstance(text, str) and text:
+                if message["topic"] in LOGGED_TOPICS:
+                    logger.info("%.500s", text)
+                else:
+                    self.notify(plain(text))
 
     def _reply(self, request: Request) -> Reply | None:
         request.decode()
@@ -527,7 +526,8 @@ class LiveSession:
     def _deliver(self) -> None:
         """Sends a new state to the stages, and the answers that waited for them."""
         if new_state := self._store.take_message():
-            self._sockets.broadcast(NAMES, new_state)
+            for stage in NAMES:
+                self._sockets.send_encoded(stage.encode(), new_state)
 
         def applied(rev: int) -> bool:
             return self.stages.have_applied(rev, self.state.options)

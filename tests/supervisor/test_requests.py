@@ -251,7 +251,7 @@ def test_a_step_leaves_out_what_cannot_be_opened_and_a_path_tries_it_again() -> 
     assert opened.options.unusable == {"/a": "empty", "/d": "damaged"}
     again = respond(opened, {"cmd": "load", "scene": "/a"}, 0)
     assert again.load is not None and again.load.scenes == ("/a",)
-    repaired = on_load(opened, SCENE, ["/a"]).state
+    repaired = on_load(opened, SCENE, ["/a"], {}).state
     assert repaired is not None and repaired.options.unusable == {"/d": "damaged"}
 
 
@@ -312,7 +312,7 @@ def test_respond_changes_the_option_that_is_named(
     changed: Message,
 ) -> None:
     state = made_state(**options)
-    reply = respond(state, message, 0) if result is None else on_load(state, SCENE, result)
+    reply = respond(state, message, 0) if result is None else on_load(state, SCENE, result, {})
     assert reply.answer == answer and reply.state is not None
     after, before = attrs.asdict(reply.state.options), attrs.asdict(state.options)
     assert {key: after[key] for key in changed} == changed
@@ -333,7 +333,7 @@ def test_only_the_window_applies_a_measured_focal_length() -> None:
 
 def test_on_load_takes_the_scenes_of_a_folder_as_the_playlist() -> None:
     state = made_state(playlist=("/a", "/b", "/c"), playlist_at=2)
-    reply = on_load(state, SCENE, ["/d/one", "/d/two"])
+    reply = on_load(state, SCENE, ["/d/one", "/d/two"], {})
     assert reply.state is not None
     assert reply.state.options.playlist == ("/d/one", "/d/two")
     assert reply.state.options.playlist_at == 0
