@@ -161,23 +161,18 @@ def plausible(source: SceneSource) -> tuple[SceneSource, Measurements | None]:
     if measured.explained < FITS:
         return attrs.evolve(source, notes=(*source.notes, HARDLY_FIT)), measured
     if measured.moved_px < _NOTHING_PX:
-        return _as_one(source), measured
+        one = attrs.evolve(
+            source,
+            rows=1,
+            cols=1,
+            read=lambda frame, row, col: source.read(frame, *source.middle),
+            small=None,
+            missing=frozenset(),
+            turn=GridTransform(),
+            turn_by="there is one view",
+            coordinates=None,
+            truth={},
+            doubt="nothing moves between these pictures: one of them is shown",
+        )
+        return one, measured
     return source, measured
-
-
-def _as_one(source: SceneSource) -> SceneSource:
-    """The source reduced to its middle view."""
-    at = source.middle
-    return attrs.evolve(
-        source,
-        rows=1,
-        cols=1,
-        read=lambda frame, row, col: source.read(frame, *at),
-        small=None,
-        missing=frozenset(),
-        turn=GridTransform(),
-        turn_by="there is one view",
-        coordinates=None,
-        truth={},
-        doubt="nothing moves between these pictures: one of them is shown",
-    )

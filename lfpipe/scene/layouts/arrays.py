@@ -341,11 +341,6 @@ def disparity_of_depth(
         return np.asarray(unit / depth - np.float32(known.get("shift", 0.0)), np.float32)
 
 
-def _is_one_number(stored: Any) -> bool:
-    """Decides by type and shape, and reads nothing large."""
-    return stored.dtype.kind in "uif" and stored.shape in ((), (1,))
-
-
 def _hci_old_source(listing: Listing, path: Path) -> SceneSource:
     file = _hdf5(path)
     names = _names(path, file)
@@ -354,7 +349,9 @@ def _hci_old_source(listing: Listing, path: Path) -> SceneSource:
         values = {
             name: float(np.ravel(file.attrs[name])[0])
             for name in ("dH", "focalLength", "shift")
-            if name in file.attrs and _is_one_number(file.attrs.get_id(name))
+            if name in file.attrs  # by type and shape: nothing large is read
+            and (stored := file.attrs.get_id(name)).dtype.kind in "uif"
+            and stored.shape in ((), (1,))
         }
     known = {name: value for name, value in values.items() if abs(value) <= LARGEST}
     depth = _hdf5_array(path, file, "GT_DEPTH")

@@ -284,23 +284,11 @@ def _disparity(photo: _Photo, height: int, width: int) -> NDArray[np.float32]:
             f"{photo.paths[-1]}: the depth map has one value",
             "use one in which near and far differ",
         )
-    share = np.asarray(
-        cv2.resize(filled(near, low, high), (width, height), interpolation=cv2.INTER_LINEAR)
-    )
-    return np.asarray((share - np.float32(0.5)) * np.float32(DISPARITY * width), np.float32)
-
-
-def filled(near: NDArray[np.float32], low: float, high: float) -> NDArray[np.float32]:
-    """Nearness (h, w) as a share of its range from low to high; unmeasured pixels, which are NaN,
-    are as near as their nearest neighbour.
-    """
     share = np.clip((near - np.float32(low)) / np.float32(high - low), 0, 1)
-    known = np.isfinite(near)
-    if not known.any():
-        return np.zeros_like(near)
-    if not known.all():
+    if not known.all():  # a pixel without depth is as near as the nearest one with it
         share = share.ravel()[nearest(known)]
-    return np.asarray(share, np.float32)
+    share = cv2.resize(share, (width, height), interpolation=cv2.INTER_LINEAR)
+    return np.asarray((share - np.float32(0.5)) * np.float32(DISPARITY * width), np.float32)
 
 
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
