@@ -43,7 +43,7 @@ from lfpipe.host.processes import run_on
 from lfpipe.host.wake import readable
 from lfpipe.plugins import IN_USE, blaming
 from lfpipe.render.choice import DisplayTime, EyesSource
-from lfpipe.render.display.display import Display, Pointer
+from lfpipe.render.display.display import Pointer
 from lfpipe.render.display.file_display import save
 from lfpipe.render.display.open_display import open_display
 from lfpipe.render.display.refresh import Refresh, ScreenRefresh
@@ -140,7 +140,16 @@ class RenderStage:
         # without a clock, pictures depend on the frames alone
         on_frames = self._lossless or self._config.render.clock == "camera"
         self._on_camera = on_frames and options.viewer.tracked
-        self._display = self._open_display()
+        camera_hz = options.viewer.rate_hz
+        self._display = open_display(
+            options.display,
+            (self._field.width_px, self._field.height_px),
+            f"lfpipe: {self._field.name}",
+            float(camera_hz if self._on_camera else self._requested_config.render.nominal_hz),
+            _overlay_view,
+            str(self._config.screen.monitor),
+            context.row["restarts"],
+        )
         self._display.waiting = partial(context.busy_with, "waiting for the screen")
         self._gpu = self._open_gpu()
         with context.setting_up("opening the scene"):
@@ -270,18 +279,6 @@ class RenderStage:
         )
         if isinstance(options.display, VideoFile):
             self._device_latency_ns = 0
-
-    def _open_display(self) -> Display:
-        camera_hz = self._options.viewer.rate_hz
-        return open_display(
-            self._options.display,
-            (self._field.width_px, self._field.height_px),
-            f"lfpipe: {self._field.name}",
-            float(camera_hz if self._on_camera else self._requested_config.render.nominal_hz),
-            _overlay_view,
-            str(self._config.screen.monitor),
-            self._context.row["restarts"],
-        )
 
     def _make_refresh(self) -> Refresh:
         """A schedule by the vblanks of the screen if it reports them, else an even rate."""

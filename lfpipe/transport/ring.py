@@ -39,7 +39,7 @@ from typing import Any
 
 import attrs
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 
 from lfpipe.host import segment
 from lfpipe.host.machine import fence
@@ -138,13 +138,6 @@ def create(path: Path, spec: RingSpec) -> Segment:
     return memory
 
 
-def _dtype(descr: Any) -> DTypeLike:
-    """A dtype from its JSON form, whose tuples have become lists."""
-    if isinstance(descr, str):
-        return np.dtype(descr)
-    return np.dtype([(n, d, *(tuple(s) for s in shape)) for n, d, *shape in descr])
-
-
 class _Ring:
     """Views of the segment, for both sides; `close` drops them before the segment."""
 
@@ -155,7 +148,7 @@ class _Ring:
         self.slots, stride, _, length = (int(v) for v in np.frombuffer(buffer, "<i8", 4, 8))
         described = json.loads(bytes(buffer[DESCRIPTION : DESCRIPTION + length]))
         self.shape: tuple[int, ...] = tuple(described["shape"])
-        self.dtype = np.dtype(_dtype(described["dtype"]))
+        self.dtype = np.lib.format.descr_to_dtype(described["dtype"])
         count = int(np.prod(self.shape, dtype=np.int64))
         starts = [PAGE + i * stride for i in range(self.slots)]
         self._published: NDArray[np.int64] = np.frombuffer(buffer, "<i8", 1, PUBLISHED)
@@ -164,10 +157,6 @@ class _Ring:
         self._payloads: list[NDArray[Any]] = [
             np.frombuffer(buffer, self.dtype, count, s + SLOT_HEADER).reshape(self.shape)
             for s in starts
-        ]
-        size = count * self.dtype.itemsize
-        self._bytes: list[NDArray[np.uint8]] = [
-            np.frombuffer(buffer, np.uint8, size, s + SLOT_HEADER) for s in starts
         ]
 
     def is_at(self, path: Path) -> bool:
@@ -191,7 +180,6 @@ class _Ring:
         del self._published, self._epoch
         self._heads.clear()
         self._payloads.clear()
-        self._bytes.clear()
         self._memory.close()
 
 
@@ -353,7 +341,7 @@ class Reader(_Ring):
                 np.copyto(out, self._payloads[slot])
             # one record: copy as bytes, because numpy copies field by field, ten times slower
             else:
-                out.reshape(1).view(np.uint8)[:] = self._bytes[slot]
+                out.reshape(1).view(np.uint8)[:] = self._payloads[slot].reshape(1).view(np.uint8)
             stamp = self._stamp(n)
             if stamp is not None:
                 return stamp

@@ -102,7 +102,9 @@ def scores(field: LightField, count: int = 7) -> MethodScores:
         }
     else:
         best = drawn(methods[-1])
-        truth = {place: best(place) for place in _between(field)}
+        # between the first two views; on them if there is one
+        last_row, last_col = min(field.rows - 1, 1), min(field.cols - 1, 1)
+        truth = {at: best(at) for at in ((t * last_row, t * last_col) for t in BETWEEN)}
     squares = {
         (method, size): [
             float(np.mean((draw(place) - exact) ** 2)) for place, exact in truth.items()
@@ -139,12 +141,6 @@ def _drawing(field: LightField, method: str, screen_px: tuple[int, int], size: f
         return whole.astype(np.float32)
 
     return draw
-
-
-def _between(field: LightField) -> list[Position]:
-    """Viewpoints between the first two views; on them if there is one."""
-    last_row, last_col = min(field.rows - 1, 1), min(field.cols - 1, 1)
-    return [(t * last_row, t * last_col) for t in BETWEEN]
 
 
 def _path(field: LightField, place: Position) -> list[Position]:
