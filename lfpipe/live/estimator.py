@@ -30,12 +30,14 @@ from lfpipe.live.records import (
 from lfpipe.scene.disparity import quantised
 from lfpipe.scene.optical_flow import FloatMap, Grey, Mask, grid_xy
 
-SEARCH_EVERY = 4  # one of so many frames is searched for flow
+FINE_PAIRS = 2  # more, where the viewpoint is between two rows, are not refined
+# one of so many frames is searched for flow; smallest side for a fast search
+SEARCH_EVERY, FAST_PX = 4, 32
 # Of semi-global matching: side of a block; what a small and a large step cost in each of its
 # pixels; largest slope that is compared; disparities beyond those that flow has found; most of
 # them, and of how many there are multiples.
 BLOCK_PX, STEPS_COST, SLOPE_LEVELS = 3, (8, 32), 63
-MARGIN_PX, MOST, MULTIPLE = 2, 64, 16
+MARGIN_PX, MOST, MULTIPLE = 2, 128, 16
 # Of the refinement: around a pixel, the nearest and farthest disparities are tried, in this order;
 # windows of what fits, and of the least squares; grey levels by which another one must fit better.
 TRIED = [
@@ -61,7 +63,12 @@ class Estimator:
     def __init__(self, live: LiveSource, aligns: bool) -> None:
         """aligns: whether the views are those of two cameras, which may be turned."""
         self._live = live
-        self._search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
+        # pictures too small for the coarse scales of the fast one end the process
+        self._search = cv2.DISOpticalFlow.create(
+            cv2.DISOPTICAL_FLOW_PRESET_FAST
+            if min(map_size(live)) >= FAST_PX
+            else cv2.DISOPTICAL_FLOW_PRESET_MEDIUM
+        )
         small, large = (cost * BLOCK_PX**2 for cost in STEPS_COST)
         self._matcher = cv2.StereoSGBM.create(
             blockSize=BLOCK_PX,
@@ -94,10 +101,10 @@ class Estimator:
         agreement = 0.0
         for pair in pairs:
             a, b = pair
-            da, db, agree = self._pair(pair, shown[a], shown[b], coarse)
+            da, db, agree = self._pair(pair, shown[a], shown[b], coarse or len(pairs) > FINE_PAIRS)
             found = {a: da, b: db} | found
             agreement = max(agreement, float(agree.mean()))
-            if agreement > AGREE_SHARE and self._live.rows == 1 and not self._live.drawn:
+            if agree.mean() > AGREE_SHARE and self._live.rows == 1 and not self._live.drawn:
                 self.colours.add(
                     b[1],
                     wanted=shown[a][SAMPLE][agree],
@@ -110,8 +117,9 @@ class Estimator:
             self.alignment.frames = (self.alignment.frames + 4) // 2
         most_px = max(float(np.abs(disparity).max()) for disparity in found.values())
         step_px = FINEST_PX * 2 ** math.ceil(math.log2(max(most_px / MOST_STEPS / FINEST_PX, 1)))
-        maps = {view: quantised(disparity, step_px) for view, disparity in found.items()}
-        record = disparity_record(self._live, maps, step_px)
+        record = disparity_record(
+            self._live, {view: quantised(px, step_px) for view, px in found.items()}, step_px
+        )
         record["curves"] = self.colours.curves
         record["swapped"] = self.swapped
         if self.alignment is not None:

@@ -64,6 +64,17 @@ def test_estimate_is_the_disparity_of_the_views(shape: tuple[int, int]) -> None:
     assert found["high_px"] == pytest.approx(field.disparity_max_px, abs=0.5)
 
 
+@pytest.mark.parametrize("size_px", [(48, 48), (49, 63), (200, 50), (300, 48)])
+def test_views_of_any_size_are_estimated(size_px: tuple[int, int]) -> None:
+    """A search of flow at scales that a picture is too small for ended the process."""
+    live = made.source(1, 2, height_px=size_px[1], width_px=size_px[0])
+    for high in (256, 1):
+        frame = np.random.default_rng(1).integers(0, high, (*live.frame_px[::-1], 3), np.uint8)
+        estimator = Estimator(live, aligns=True)
+        for coarse in (False, True):
+            assert np.isfinite(estimator.estimate(frame, PAIR, coarse)["scale_px"])
+
+
 def test_estimate_of_a_still_scene_flickers_less_than_the_camera() -> None:
     field = rendered.field(1, 2, 96, 128, scale=2.0)
     live = made.source()
