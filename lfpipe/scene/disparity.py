@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from lfpipe.host.machine import add
 from lfpipe.scene.lightfield import UNKNOWN, Depth
 from lfpipe.scene.optical_flow import (
+    RETURN_PX,
     SMALLEST_PX,
     FloatMap,
     Grey,
@@ -52,7 +53,7 @@ OUTSIDE = 64.0  # grey levels of a match outside the neighbour's picture
 BORDER = 0.03  # of the width, at either side: the screen edge cuts it off within a few views
 # percentile: at the border, where neighbours see different parts, a few values are wrong
 EXTREME = 5
-RETURN_PX, RETURN_SHARE = 0.5, 0.05  # tolerance of disparity followed back: px of the maps, share
+RETURN_SHARE = 0.05  # tolerance of disparity followed back, beside RETURN_PX
 _BOX = (5, 5)  # px whose errors count together
 
 

@@ -30,7 +30,7 @@ _PATCH_STRIDE_PX = 3
 _SMOOTHINGS = 2
 _DESCENTS = 8  # steps that a patch needs from a distant start
 _DESCENTS_NEAR = 3  # steps that it needs from a start that is nearly right
-_RETURN_PX, _RETURN_SHARE = 0.5, 0.1  # tolerance of flow followed back: px, and share of the way
+RETURN_PX, _RETURN_SHARE = 0.5, 0.1  # tolerance of flow followed back: px, and share of the way
 _FIT_ROUNDS = 6  # of a robust fit: weights hardly change afterwards
 LUMA = (0.299, 0.587, 0.114)  # BT.601, as in OpenCV
 LOOK_PX = 1 << 17  # pixels of a view, enough to determine order and fit
@@ -107,7 +107,7 @@ def returned_flow(a: Grey, b: Grey) -> tuple[FloatMap, Mask]:
         borderValue=(1e4, 1e4, 0, 0),
     )
     off = np.hypot(*cv2.split(ahead + returned))
-    return ahead, off < _RETURN_PX + _RETURN_SHARE * np.hypot(*cv2.split(ahead))
+    return ahead, off < RETURN_PX + _RETURN_SHARE * np.hypot(*cv2.split(ahead))
 
 
 def robust_fit(

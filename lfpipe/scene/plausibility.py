@@ -10,6 +10,7 @@ import numpy as np
 
 from lfpipe.scene.lightfield import HARDLY_FIT
 from lfpipe.scene.optical_flow import (
+    SMALLEST_PX,
     FloatMap,
     Grey,
     flow,
@@ -26,7 +27,6 @@ from lfpipe.scene.source import GridTransform, SceneSource
 # 0.85; unrelated pictures: at most 0.21, portraits of several people 0.14 to 0.4.
 FITS = 0.3
 _FAR = 0.6  # share of a pair's detail that flow finds, below which blocks are matched
-_SMALLEST_PX = 48  # side of views: the flow needs a few patches
 _LOOSE_PX, _LOOSE_SHARE = 1.0, 0.2  # tolerance of the flow
 _NOTHING_PX = 0.3  # between the farthest views: less motion counts as none
 _FEWEST_POINTS = 100  # of detail, to measure motion
@@ -115,7 +115,7 @@ def _triple(before: Grey, middle: Grey, after: Grey) -> float:
 
 def measure_views(source: SceneSource) -> Measurements | None:
     """Measurements from a few small views; None if there are too few, or they are too small."""
-    if min(source.height_px, source.width_px) < _SMALLEST_PX:
+    if min(source.height_px, source.width_px) < SMALLEST_PX:
         return None
     grey = grey_views(source)
     lines = [[grey(*at) for at in line] for line in present_lines(source) if len(line) > 1]

@@ -37,7 +37,8 @@ FULL_SHARE, HEADROOM_SHARE = 0.9, 0.6  # busy share of the time: above is lag, b
 FORGET = 0.5  # s of lag that one second without lag cancels
 HICCUP_S = 0.25  # limit of one sample: a process that was stopped or starved once does not lag
 HEADROOM_LOSS = 5.0  # s of headroom that one second without headroom cancels
-# Between two samples: the machine or the supervisor was suspended. After this time without output,
+# Between two samples, or checks of the stages: the machine or the supervisor was suspended or
+# starved, probably like the stages. After this time without output,
 # the headroom of a stage is unknown.
 GAP_S = 1.0
 SAMPLE_NS = SECOND_NS // 10  # five samples within LAG_S

@@ -16,6 +16,7 @@ from lfpipe.host.child import PATIENCE, Child, python
 from lfpipe.host.files import exists
 from lfpipe.host.processes import is_stopped
 from lfpipe.supervisor import child
+from lfpipe.supervisor.governor import GAP_S
 from lfpipe.supervisor.process_table import SOURCE, STAGES, Stage
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.ring_io import StageSpec
@@ -31,8 +32,6 @@ HANG_S = 5.5
 # likewise: time for a disk to spin up, for a network to return, or for a display server that other
 # programs overload
 BUSY_S = 60.0
-# after such a gap between checks, the supervisor was stopped or starved, probably like the stages
-ASLEEP_S = 1.0
 DRAIN_NS = 2 * SECOND_NS  # time for the stages to finish their work after the source has ended
 # time limits after "stop", after SIGTERM (on a busy machine), after SIGKILL
 STOP_S, TERM_S, KILL_S = 0.9, 3.0, 5.0
@@ -131,7 +130,7 @@ class StageProcess:
             return ""
         row = self.row
         t_ns = now_ns()
-        if t_ns - self._checked_ns > ASLEEP_S * 1e9:
+        if t_ns - self._checked_ns > GAP_S * 1e9:
             self._awake_ns = t_ns  # the machine was suspended, or starved all processes alike
         self._checked_ns = t_ns
         work = busy_work(row)

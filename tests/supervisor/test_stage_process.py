@@ -17,9 +17,9 @@ from lfpipe.host import signals
 from lfpipe.host.child import Child
 from lfpipe.host.processes import is_stopped
 from lfpipe.supervisor import stage_process
+from lfpipe.supervisor.governor import GAP_S
 from lfpipe.supervisor.process_table import Stage
 from lfpipe.supervisor.stage_process import (
-    ASLEEP_S,
     BUSY_S,
     HANG_S,
     MAX_FAILURES,
@@ -123,7 +123,7 @@ def test_is_stopped_tells_a_stopped_process() -> None:
 
 def test_hang_reason_forgives_once_after_a_sleep(monkeypatch: pytest.MonkeyPatch) -> None:
     script = Script(monkeypatch)
-    script.t_ns += int((ASLEEP_S + 10) * 1e9)
+    script.t_ns += int((GAP_S + 10) * 1e9)
     assert script.after(HANG_S) == "" and "no beat" in script.after(0.5)
 
 

@@ -42,12 +42,11 @@ from lfpipe.transport.clock import SECOND_NS
 
 # Time constants by which alpha, and the position in front of the screen, follow the viewer's
 # distance (measured as the eye distance): fast for another distance, so that depth never stays
-# beyond comfort; slow for measurement noise.
+# beyond comfort; slow for measurement noise. The neutral position follows eyes that are still as
+# fast before it is measured.
 DISTANCE_S = 0.1
 STILL_S = 1.0
 STILL = 0.02
-# Time constant of the neutral position before it is measured, while the eyes are still.
-SETTLE_S = 0.1
 KNOWN_S = 0.25  # after which the motion of a face that was just found is trusted
 MOVED = 0.01  # change of the distance after which the views between the eyes are chosen again
 
@@ -432,7 +431,7 @@ class Viewer:
             self._dragged = inside_px != centre_px
             centre_px = inside_px
             if self.presence.settled:
-                centre_px = _towards(centre_px, middle_of(eyes_px), dt_s, SETTLE_S)
+                centre_px = _towards(centre_px, middle_of(eyes_px), dt_s, DISTANCE_S)
         self._centre_px = solver.centre_px = centre_px
 
     def _choose(self, eye_distance_px: float) -> None:

@@ -29,8 +29,7 @@ _CLEAR = 0.02  # lead in correlation of a clear grid
 MIN_VIEW_PX = 12  # side of a view: a smaller one shows nothing
 MAX_TILES = 64  # along one side
 _GLANCE_PX = 1024  # longer side of the reduced picture in which tiles are detected
-# limits of `_unlike` for neighbouring tiles; above the last, there are no tiles
-_TWO_AXES, _ONE_AXIS, _PLAIN = 0.5, 0.2, 0.8
+_TWO_AXES, _ONE_AXIS = 0.5, 0.2  # limits of `_unlike` for neighbouring tiles
 _SEAM = 0.1  # share of a tile's lines that may change more than its borders
 _ALIKE = 0.03  # differences by which tiles are as much alike as tiles of tiles
 _EYES_PX = 384  # longer side of the pictures of two eyes that are compared
@@ -228,7 +227,7 @@ def find_tiles(picture: NDArray[Any], name: str = "") -> ViewIndex | None:
     for named in re.finditer(r"(?<!\d)(\d{1,2})x(\d{1,2})(?!\d)", name):
         rows, cols = int(named[1]), int(named[2])
         unlike = max(down.get(rows, 0), across.get(cols, 0))
-        if rows * cols > 1 and not (height % rows or width % cols) and unlike < _PLAIN:
+        if rows * cols > 1 and not (height % rows or width % cols) and unlike < _TWO_AXES:
             return rows, cols
     rows, row_unlike = _period(plane, 0, height, down)
     cols, col_unlike = _period(plane, 1, width, across)
