@@ -188,6 +188,7 @@ MANIFEST = {
         "max_px": float,
         "border_low_px": float,
         "border_high_px": float,
+        "confirmed": float,
     },
     "notes": list,
     "scores": {"nearest": float, "blend": float, "warp": float, "warp2": float},
