@@ -19,7 +19,13 @@ from lfpipe.config import converter, parse_set
 from lfpipe.supervisor.rundir import ask
 from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S, LOAD_TIMEOUT_S, Message
 
-SAID = {"load": "shown: {name}", "share": "shared: {share}", "viewer": "viewer: {source}"}
+SAID = {
+    "load": "shown: {name}",
+    "share": "shared: {share}",
+    "viewer": "viewer: {source}",
+    "record": "record: {path}",
+    "trace": "trace: {path}",
+}
 Send = Callable[..., None]  # of one message, and perhaps timeout_s
 
 

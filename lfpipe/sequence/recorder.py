@@ -207,7 +207,8 @@ class Recorder:
         if ended:
             self._recording, self._is_ending = None, False
             missed = f"; {recording.missed} more were not stored" if recording.missed else ""
-            context.notify(f"recorded {count} frames to {recording.folder}{missed}")
+            what = f"recorded {count} frames to {recording.folder}{missed}"
+            context.notify(what if count else "nothing recorded: stopped before the first frame")
 
     def _give_up(self, why: str) -> None:
         self._context.report_lost(why)

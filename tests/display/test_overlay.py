@@ -1,5 +1,6 @@
 """The overlay of the window: what keys, clicks and touches on it mean, at any size of window."""
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -220,6 +221,19 @@ def test_bar_goes_by_itself_but_not_while_the_slider_is_held(
     assert screened.move(pygame.MOUSEBUTTONUP, 0, 0) is None
     monkeypatch.setattr("time.monotonic", lambda: 1e12)
     assert screened.panels((1920, 1080), 22) == []
+
+
+def test_entry_under_a_resting_pointer_is_lit_when_the_bar_comes() -> None:
+    size = (1280, 800)
+    screened = Screened(size, Overlay(bar=BAR))
+    bar = screened.draw()
+    _, rect = next(cell for cell in bar.cells if cell[0].event.name == "record")
+    screened._bar_from_s = math.inf
+    screened.panels(size, 22)
+    screened._over = None
+    screened.move(pygame.MOUSEMOTION, *rect.move(bar.at).center)
+    screened.panels(size, 22)
+    assert screened._lit.event == Event("record")
 
 
 def test_bar_stays_under_the_pointer_and_goes_when_it_leaves(

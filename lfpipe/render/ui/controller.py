@@ -312,7 +312,7 @@ def _look(ui: Ui, event: Event) -> None:
     ui.close_page()
     own = ui.context.config.camera.source
     camera = "" if own.startswith("demo") or own == "mouse" else own
-    ui.notices.show("viewer", f"Starting: {VIEWERS[event.text].lower()} ...")
+    ui.notices.show("viewer", f"Starting the {VIEWERS[event.text].lower()} ...")
     ui.context.request("viewer", source=camera if event.text == "camera" else event.text)
 
 

@@ -731,6 +731,9 @@ class OverlayView:
         is_awake = bar is not None and (now_s >= self._bar_from_s or is_used)
         if is_awake and is_used:
             self._bar_from_s = now_s
+        if bar is not None and is_awake and self._bar is None and self._over is None:
+            self._over = bar.cell(self._pointer_px)  # the bar has come under the pointer
+            self._lit = Highlight(self._over[0].event) if self._over else NO_HIGHLIGHT
         self._bar = bar if is_awake else None
         # space for the bar stays free, so that nothing moves when it appears
         bar_top_px = bottom_px = window_px[1] if bar is None else bar.top_px
