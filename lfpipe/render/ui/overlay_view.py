@@ -187,7 +187,7 @@ def _bar_px(item: Item, worded: bool, beside: bool, text_px: int, unit: int) -> 
     side = CONTROL_UNITS * unit
     label = max(font(text_px).size(text)[0] for text in LABELS[item.event.name]) * worded
     if item.slider is not None:
-        return max(SLIDER_CELLS * side + unit, label)
+        return label * beside + max(SLIDER_CELLS * side + unit, label)
     return label + 6 * unit if beside else max(side, label + 2 * unit)
 
 
@@ -224,7 +224,8 @@ def bar_panel(items: tuple[Item, ...], lit: Highlight, window_px: Place, text_px
             x += 2 * unit
         if x + wide > room - unit:
             x, y = unit, y + side
-        cells.append((item, pygame.Rect(x, y, wide, side)))
+        label_px = font(text_px).size(item.label)[0] * (beside and item.slider is not None)
+        cells.append((item, pygame.Rect(x + label_px, y, wide - label_px, side)))
         x += wide
     width = max(rect.right for _, rect in cells) + unit
     surface = panel_surface(width, y + side + unit, unit)
@@ -254,7 +255,7 @@ def _draw_entry(
     if item.off:
         colour = OFF
     label = written(item.label * worded, text_px, colour)
-    is_over = worded and not (beside and item.slider is None)
+    is_over = worded and not beside
     middle = rect.top + 2 * unit if is_over else rect.centery
     if item.slider is not None:
         _draw_slider(surface, item, rect, middle, unit)
@@ -264,6 +265,8 @@ def _draw_entry(
         surface.blit(drawing, drawing.get_rect(midleft=(left, middle)))
     if is_over:
         surface.blit(label, label.get_rect(midbottom=(rect.centerx, rect.bottom - unit // 2)))
+    elif item.slider is not None:
+        surface.blit(label, label.get_rect(midright=(rect.left + unit, rect.centery)))
     else:
         surface.blit(label, label.get_rect(midleft=(rect.left + 9 * unit // 2, rect.centery)))
 
