@@ -34,10 +34,10 @@ FINE_PAIRS = 2  # more, where the viewpoint is between two rows, are not refined
 # one of so many frames is searched for flow; smallest side for a fast search
 SEARCH_EVERY, FAST_PX = 4, 32
 # Of semi-global matching: side of a block; what a small and a large step cost in each of its
-# pixels; largest slope that is compared; disparities beyond those that flow has found; most of
+# pixels; largest slope that is compared; disparities beyond those that were found last; most of
 # them, and of how many there are multiples.
 BLOCK_PX, STEPS_COST, SLOPE_LEVELS = 3, (8, 32), 63
-MARGIN_PX, MOST, MULTIPLE = 2, 128, 16
+MARGIN_PX, MOST, MULTIPLE = 3, 128, 16
 # Of the refinement: around a pixel, the nearest and farthest disparities are tried, in this order;
 # windows of what fits, and of the least squares; grey levels by which another one must fit better.
 TRIED = [
@@ -94,9 +94,10 @@ class Estimator:
         """The record of the disparity of some pairs of views in a frame, uint8 (height, width, 3)
         BGR.
         """
-        curves = self.colours.curves
         smalls = {view: self._small(frame, view) for view in views_of(pairs)}
-        shown = {view: matched(small, curves[view[1]]) for view, small in smalls.items()}
+        shown = {
+            view: matched(small, self.colours.curves[view[1]]) for view, small in smalls.items()
+        }
         found: dict[View, FloatMap] = {}
         agreement = 0.0
         for pair in pairs:
@@ -175,6 +176,7 @@ class Estimator:
         da = self._matched(a, b, coarse)
         db = self._matched(b[:, ::-1].copy(), a[:, ::-1].copy(), coarse)[:, ::-1].copy()
         agree = np.abs(da - _seen(db, da))[SAMPLE] < RETURN_PX
+        self._flows[pair][SAMPLE][..., 0][agree] = -da[SAMPLE][agree]  # the next range is around it
         if due and self.alignment is not None:
             # flow finds how far lines are from each other that do not match yet, coarsely
             lower = self._flows[pair][..., 1] if settling else -_rest(a, b, da, (0, 1))
