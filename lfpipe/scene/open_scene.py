@@ -56,8 +56,8 @@ class Packing(Worker):
         """Those that cannot be opened, and why."""
         self.note = ""
         """What a person should know about the rest of a folder."""
-        self.step = ""
-        """The current step, for people; "" before the first."""
+        self.step = "opening"
+        """The current step, for people."""
         self.share = 0.0
         """The completed share of the step, 0 to 1."""
         self.progress = progress

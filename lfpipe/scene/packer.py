@@ -61,7 +61,7 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
         report(summary=attrs.asdict(summarize(open_pack(pack, settings.invert_depth))))
 
     paths, others = playlist(paths, settings) if asked.expand else (paths, 0)
-    beside = f"; {others} other pictures are not scenes" * bool(others)
+    beside = f"; other pictures, not shown: {others}" * bool(others)
     note = f"{len(paths)} scenes{beside}" * (len(paths) > 1)
     if asked.do == "info":
         manifest = scene_manifest(analyse_scene(paths[0], settings))

@@ -191,6 +191,8 @@ def test_scene_loader_reports_progress_and_what_cannot_be_opened() -> None:
     def report(scene: str, step: str) -> None:
         scenes.report({"scene": scene, "step": step, "shown": False, "share": 0.5})
 
+    report("/x/boxes", "opening")
+    assert shown() == ["Opening boxes"], "at once: the timer of a kiosk waits for any load"
     report("/x/boxes", "views 3 of 6")
     assert shown() == ["Opening boxes: reading pictures, 50 %"]
     report("/x/boxes", "")

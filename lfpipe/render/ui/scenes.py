@@ -45,7 +45,12 @@ CAMERA_NS = SECOND_NS // 5
 THUMBNAILS = Path(__file__).parent / "thumbnails"  # by tools.make_docs_pictures
 KEPT_PX = (480, 360)  # of a thumbnail, at most: larger than a cell of most menus
 # of the packer -> what it does, for people
-WORK = {"views": "reading pictures", "disparity": "measuring depth", "method": "choosing a method"}
+WORK = {
+    "opening": "",
+    "views": "reading pictures",
+    "disparity": "measuring depth",
+    "method": "choosing a method",
+}
 LOOK = Event("who")
 Seen = tuple[NDArray[np.uint8] | None, str]  # a small picture of a scene, and what it is
 UNSEEN: Seen = None, ""
@@ -96,13 +101,15 @@ class SceneLoader:
     def report(self, news: Message) -> None:
         """Sets the progress of a load requested by any client, or of the scene on the screen."""
         word, *_ = news["step"].split(" ")
-        step = f"{WORK.get(word, news['step'])}, {100 * (news['share'] or 0):.0f} %" if word else ""
+        what = WORK.get(word, news["step"])
+        step = f"{what}, {100 * (news['share'] or 0):.0f} %" if what else ""
         if news["shown"]:
-            self.working, self.progress = step, news["share"] if word else None
+            self.working, self.progress = step, news["share"] if step else None
             return
         scenes, scene = self._context.options.playlist, news["scene"]
         place = f" (scene {scenes.index(scene) + 1} of {len(scenes)})" if scene in scenes else ""
-        self._opening = f"Opening {Path(scene).name}{place}: {step}" if step else ""
+        self._opening = f"Opening {Path(scene).name}{place}" + f": {step}" * bool(step)
+        self._opening *= bool(word)
 
     def status(self) -> str:
         """What is being loaded; "" for nothing."""
