@@ -227,7 +227,7 @@ def find_tiles(picture: NDArray[Any], name: str = "") -> ViewIndex | None:
     for named in re.finditer(r"(?<!\d)(\d{1,2})x(\d{1,2})(?!\d)", name):
         rows, cols = int(named[1]), int(named[2])
         unlike = max(down.get(rows, 0), across.get(cols, 0))
-        if rows * cols > 1 and not (height % rows or width % cols) and unlike < _TWO_AXES:
+        if rows * cols > 1 and not (height % rows or width % cols) and unlike < 1:
             return rows, cols
     rows, row_unlike = _period(plane, 0, height, down)
     cols, col_unlike = _period(plane, 1, width, across)
