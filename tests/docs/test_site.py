@@ -1,7 +1,10 @@
-"""The docs as a site: it has every page, every link works, and one address of the project."""
+"""The docs: their links and files exist, and their pictures show what there is."""
 
+import json
 import re
 from pathlib import Path
+
+from tests.support.extras import with_extras
 
 ROOT = Path(__file__).parents[2]
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
@@ -25,3 +28,17 @@ def test_docs_links_and_files_exist() -> None:
                 continue  # the core without its extras
             folders = ROOT, ROOT / "lfpipe", ROOT / "tests"
             assert any((folder / name).exists() for folder in folders), f"{page.name}: {name}"
+
+
+@with_extras
+def test_pictures_of_the_docs_show_the_interface_of_today() -> None:
+    """The letters of another version of pygame-ce are drawn otherwise."""
+    from tools.make_docs_pictures import digests
+
+    stored = json.loads((ROOT / "docs" / "pictures.json").read_text())
+    now = digests()
+    for digest_of in (stored, now):
+        if stored["pygame-ce"] != now["pygame-ce"]:
+            del digest_of["window"]
+    stored["pygame-ce"] = now["pygame-ce"]
+    assert now == stored, "python -m tools.make_docs_pictures monitor window interface"
