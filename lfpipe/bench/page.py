@@ -7,10 +7,9 @@ from pathlib import Path
 
 from lfpipe._version import __version__
 from lfpipe.bench.benchmarks import BENCHMARKS, TABLE, Benchmark
-from lfpipe.bench.charts import chart, has_charts
 from lfpipe.bench.results import STATES, Column, Results, Row, short
 from lfpipe.bench.style import document, html_table
-from lfpipe.bench.summary import summary
+from lfpipe.bench.summary import chart, has_charts, summary
 from lfpipe.files.output import write_output
 from lfpipe.host.machine import install_command
 

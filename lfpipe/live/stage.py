@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.live.estimator import Estimator
-from lfpipe.live.program import Program
 from lfpipe.live.records import VIEWPOINTS, pairs_in_need, views_of
-from lfpipe.live.shared_scene import two_cameras
+from lfpipe.live.shared_scene import Program, two_cameras
 from lfpipe.transport import ring
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context

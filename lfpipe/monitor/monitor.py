@@ -25,8 +25,7 @@ from lfpipe.notices import latency_lines
 from lfpipe.supervisor.metrics import MotionToPhoton, SessionMetrics, StageMetrics
 from lfpipe.supervisor.process_table import SOURCE
 from lfpipe.supervisor.rundir import ask, find
-from lfpipe.transport.histogram import quantiles
-from lfpipe.transport.metrics import Value
+from lfpipe.transport.metrics import Value, quantiles
 
 STATE_STYLE = {"RUNNING": "green", "STARTING": "yellow", "STOPPING": "yellow", "DEAD": "bold red"}
 WARNING = "bold yellow"

@@ -16,7 +16,7 @@ from lfpipe.supervisor.metrics import SessionMetrics, session_metrics
 from lfpipe.supervisor.process_table import SHOWN_BY
 from lfpipe.supervisor.rundir import ask, find
 from lfpipe.transport.clock import SECOND_NS, now_ns
-from lfpipe.transport.histogram import MIDDLES_US
+from lfpipe.transport.metrics import MIDDLES_US
 from lfpipe.transport.session import MANIFEST, Session, SessionManifest
 from lfpipe.transport.status import Table
 

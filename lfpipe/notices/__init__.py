@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.transport.clock import SECOND_NS, now_ns
-from lfpipe.transport.histogram import Times, quantiles
+from lfpipe.transport.metrics import Times, quantiles
 from lfpipe.transport.status import State
 
 FACELESS_NS = 4 * SECOND_NS  # a head may be turned away briefly

@@ -13,8 +13,7 @@ from lfpipe.host.processes import usable_cores
 from lfpipe.notices import notices
 from lfpipe.supervisor.process_table import CORE, SHOWN_BY, SOURCE, TRACKED_BY
 from lfpipe.transport.clock import now_ns
-from lfpipe.transport.histogram import Times, summary_ms
-from lfpipe.transport.metrics import MetricSet
+from lfpipe.transport.metrics import MetricSet, Times, summary_ms
 from lfpipe.transport.status import State, busy_work, rate_hz
 
 SEATED = "seated"  # the viewer of a session without pictures, while tracking sees a face

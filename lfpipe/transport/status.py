@@ -26,8 +26,7 @@ from numpy.typing import NDArray
 from lfpipe.host import segment
 from lfpipe.host.segment import Segment
 from lfpipe.transport.clock import now_ns
-from lfpipe.transport.histogram import HISTOGRAM, Histogram
-from lfpipe.transport.metrics import NO_METRICS, SPACE, MetricSet
+from lfpipe.transport.metrics import HISTOGRAM, NO_METRICS, SPACE, Histogram, MetricSet
 
 RECENT = 64  # completion stamps kept for the rate
 RINGS = 8  # maximum number of rings of a session

@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 from lfpipe.render.display.display import NO_EVENT, Event, Item, Menu, Notice, Overlay
 from lfpipe.render.display.window import TEXT_PX
 from lfpipe.render.ui.calibration import Distance, calibration_page
-from lfpipe.render.ui.folders import Content, folder_menu
 from lfpipe.render.ui.keys import ACTION_OF, DEPTH, HELP, KEYS, bar_items
 from lfpipe.render.ui.look import NO_HIGHLIGHT
 from lfpipe.render.ui.overlay_view import (
@@ -27,6 +26,7 @@ from lfpipe.render.ui.overlay_view import (
     menu_panel,
 )
 from lfpipe.render.ui.pages import glasses_menu
+from lfpipe.render.ui.scenes import Content, folder_menu
 from tests.display.test_window import GREY, becomes, pressed, window  # noqa: F401  (fixture)
 from tests.support.examples import examples
 

@@ -13,9 +13,8 @@ from lfpipe.capture.live_source import RingSource, RowSource, check_live, same_d
 from lfpipe.capture.spec import is_live
 from lfpipe.config import Config
 from lfpipe.errors import UserError
-from lfpipe.live.program import Program
 from lfpipe.live.records import VIEWPOINTS, cut
-from lfpipe.live.shared_scene import scene_of
+from lfpipe.live.shared_scene import Program, scene_of
 from lfpipe.transport import ring
 from lfpipe.transport.ring import Stamp
 from tests.live.made import maps_of

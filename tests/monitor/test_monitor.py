@@ -27,7 +27,7 @@ from lfpipe.monitor.session_reader import Watch
 from lfpipe.supervisor.metrics import SessionMetrics, session_metrics
 from lfpipe.supervisor.process_table import CORE, METRICS, SOURCE
 from lfpipe.supervisor.rundir import find
-from lfpipe.transport.histogram import Histogram
+from lfpipe.transport.metrics import Histogram
 from lfpipe.transport.status import ROW, SESSION, Row, State
 from tests.support.world import World
 

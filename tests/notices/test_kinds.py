@@ -13,7 +13,7 @@ from lfpipe.notices import (
     latency_lines,
     notices,
 )
-from lfpipe.transport.histogram import HISTOGRAM, Histogram, summary_ms
+from lfpipe.transport.metrics import HISTOGRAM, Histogram, summary_ms
 from lfpipe.transport.status import ROW, State
 
 T_NS = 10**12

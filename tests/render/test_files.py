@@ -12,7 +12,7 @@ import pytest
 from lfpipe.config.user_files import write_keys
 from lfpipe.render.display.display import Event
 from lfpipe.render.ui.files import Files
-from lfpipe.render.ui.folders import MAX_LISTED, Content, folder_menu, list_folder
+from lfpipe.render.ui.scenes import MAX_LISTED, Content, folder_menu, list_folder
 from lfpipe.scene.demo import demo_scene
 from lfpipe.scene.recent_scenes import remember_scene
 from tests.support.refusal import refusal

@@ -30,7 +30,7 @@ from lfpipe.render.presenter import REPLACED, Presentation
 from lfpipe.render.stage import RenderStage
 from lfpipe.render.viewer.presence import ViewerState
 from lfpipe.transport import ring
-from lfpipe.transport.histogram import summary_ms
+from lfpipe.transport.metrics import summary_ms
 from lfpipe.transport.ring import RingSpec
 from lfpipe.transport.status import ROW, Row
 from tests.contracts import contract

@@ -25,7 +25,7 @@ from lfpipe.supervisor.session_state import TRIAL_NS
 from lfpipe.supervisor.stage_process import DRAIN_NS, MAX_FAILURES
 from lfpipe.transport import control
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
-from lfpipe.transport.histogram import Histogram
+from lfpipe.transport.metrics import Histogram
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import State
 from tests.supervisor.states import VIEWER, made_state

@@ -14,8 +14,16 @@ from lfpipe.host.segment import WrongSegment
 from lfpipe.supervisor.process_table import STAGES
 from lfpipe.transport import control, status
 from lfpipe.transport.clock import Ticker
-from lfpipe.transport.histogram import Histogram, summary_ms
-from lfpipe.transport.metrics import MAX_HISTOGRAMS, MAX_VALUES, NO_METRICS, Kind, Metric, MetricSet
+from lfpipe.transport.metrics import (
+    MAX_HISTOGRAMS,
+    MAX_VALUES,
+    NO_METRICS,
+    Histogram,
+    Kind,
+    Metric,
+    MetricSet,
+    summary_ms,
+)
 from lfpipe.transport.status import ROW, Row, State, Table
 from tests.support.refusal import refusal
 

@@ -23,8 +23,8 @@ from lfpipe.config.quality import WARPS
 from lfpipe.errors import UserError
 from lfpipe.extras.gpu.shader import mixture, source
 from lfpipe.files.output import write_output
-from lfpipe.render.synthesis.cameras import Cameras
 from lfpipe.render.synthesis.compositor import ViewRenderer, method_for, recipe_for
+from lfpipe.render.synthesis.engine import Cameras
 from lfpipe.render.synthesis.scene_views import SceneViews, reduced
 from lfpipe.render.synthesis.viewpoint import COL_FADE, ROW_FADE, zero_plane_px
 from lfpipe.render.synthesis.warper import ZERO, Levels

@@ -22,7 +22,7 @@ from lfpipe.extras.gpu.shader import disparity_texels, mixture, source
 from lfpipe.host.machine import has_gpu
 from lfpipe.render.synthesis.anaglyph import Recipe
 from lfpipe.render.synthesis.blocks import size_of
-from lfpipe.render.synthesis.cameras import Cameras
+from lfpipe.render.synthesis.engine import Cameras
 from lfpipe.render.synthesis.painter import PainterLost
 from lfpipe.render.synthesis.scene_views import SceneViews
 from lfpipe.render.synthesis.viewpoint import Position

@@ -18,7 +18,6 @@ from lfpipe.render.display.open_display import HINT
 from lfpipe.render.presenter import Presenter
 from lfpipe.render.ui.calibration import CalibrationPage
 from lfpipe.render.ui.files import Files
-from lfpipe.render.ui.folders import FolderPage
 from lfpipe.render.ui.keys import CLOSING, DEPTH, HELP, bar_items
 from lfpipe.render.ui.notices import (
     ASKED_NS,
@@ -44,7 +43,7 @@ from lfpipe.render.ui.pages import (
     viewer_menu,
 )
 from lfpipe.render.ui.recording import RecordingIndicator, user_folder
-from lfpipe.render.ui.scenes import SceneLoader, ScenePage
+from lfpipe.render.ui.scenes import FolderPage, SceneLoader, ScenePage
 from lfpipe.render.ui.settings import Settings
 from lfpipe.render.viewer.mouse_look import MouseLook
 from lfpipe.render.viewer.viewer import Viewer

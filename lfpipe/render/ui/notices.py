@@ -18,7 +18,7 @@ from lfpipe.scene.inverted_depth import remember, undecided
 from lfpipe.scene.lightfield import HARDLY_FIT
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
-from lfpipe.transport.histogram import summary_ms
+from lfpipe.transport.metrics import summary_ms
 from lfpipe.transport.status import State, rate_hz
 
 COMMAND = re.compile(r"`|--|lfpipe |\b[a-z]+\.[a-z_]+=|/")  # of a terminal
