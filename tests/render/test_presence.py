@@ -214,6 +214,16 @@ def test_view_easing_never_jumps(spans: list[tuple[bool, int, float]]) -> None:
     assert np.abs(np.diff(shown, axis=0)).max() <= EASED_VIEWS + 1e-9
 
 
+def test_view_easing_holds_a_lost_view_for_three_seconds() -> None:
+    easing = ViewEasing()
+    seen = NEUTRAL[0], NEUTRAL[1] + 2.0, NEUTRAL[2] + 2.0
+    easing.followed(0, seen, lambda dt_s: (0.0, 0.0, 0.0))
+    places = [easing.alone(round(t_s * 1e9), NEUTRAL) for t_s in (0.0, 2.9, 3.5, 15.0)]
+    assert places[0] == places[1] == seen
+    assert seen[1] - 1.0 < places[2][1] < seen[1] - 0.1
+    assert places[3] == pytest.approx(NEUTRAL, abs=1e-3)
+
+
 @given(
     rows=st.integers(1, 17),
     cols=st.integers(1, 17),

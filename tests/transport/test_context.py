@@ -5,12 +5,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+import zmq
 
 from lfpipe.config import Config, SessionOptions
 from lfpipe.config.modes import Live, Lossless
 from lfpipe.host.wake import Wake
 from lfpipe.supervisor.process_table import SOURCE, consumers
 from lfpipe.supervisor.session_state import SessionState, SessionStore
+from lfpipe.transport import control
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring_io import RingOutput, StageSpec
@@ -102,6 +104,20 @@ def test_context_wait_is_not_ended_by_a_credit(session: Session, make: Make) -> 
     context.stopping = False
     eyes.begin()
     assert eyes.publish(0, 1, 1) == 1, "there is room"
+
+
+def test_context_wait_ends_at_the_stop_and_passes_other_commands_on(
+    session: Session, make: Make
+) -> None:
+    with control.context() as ctx, ctx.socket(zmq.ROUTER) as supervisor:
+        supervisor.bind(f"ipc://{session.run_dir / 'ctl'}")
+        context = make("render", False)
+        name, hello = supervisor.recv_multipart()
+        assert control.decode(hello)["cmd"] == "hello"
+        for word, goes_on in (("recentre", True), ("stop", False)):
+            supervisor.send_multipart([name, control.encode({"cmd": word})])
+            assert context.wait(now_ns() + 10**10) is goes_on
+            assert [found for found, _ in context.commands()] == [word] * goes_on
 
 
 def test_context_wait_leaves_a_wake_for_the_stage(session: Session, make: Make) -> None:
