@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 from rich.console import Console, Group, RenderableType
 
 from lfpipe.config import converter
-from lfpipe.monitor.monitor import SPARKS, metric_lines, sparkline, stage_table, state_view
+from lfpipe.monitor.monitor import SPARKS, metric_lines, sparkline, state_view
 from lfpipe.monitor.session_reader import Watch
 from lfpipe.supervisor.metrics import SessionMetrics, session_metrics
 from lfpipe.supervisor.process_table import CORE, METRICS, SOURCE
@@ -126,16 +126,6 @@ def test_sparkline_orders_its_values(values: list[float]) -> None:
         a <= b for (_, a), (_, b) in itertools.pairwise(sorted(zip(values, heights, strict=True)))
     )
     assert not any(values) or max(heights) == len(SPARKS) - 1
-
-
-@pytest.mark.parametrize("width", [80, 40])
-def test_stage_table_keeps_whole_rows_in_a_narrow_terminal(width: int) -> None:
-    rows = {stage: np.zeros((), ROW) for stage in CORE}
-    for row in rows.values():
-        row["state"] = State.RUNNING
-        Row(row).record_latency(123_456_789, 1_000_000_000, 0)
-    table = stage_table(session_metrics("mine", rows, METRICS, quality(), 0).used_stages)
-    assert [len(line) <= width for line in shown(table, width)] == [True] * (2 + len(CORE))
 
 
 def test_monitor_screen_keys_and_a_session_that_starts_again(world: World, scene: Path) -> None:

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Config, Render
 from lfpipe.config.tree import Anaglyph, Method
-from lfpipe.files.decoding import fit_area
 from lfpipe.render.synthesis.anaglyph import MATRICES, encode, recipe
 from lfpipe.render.synthesis.compositor import Compositor
 from lfpipe.render.synthesis.pair_layout import arrange_stereo_pair, scale_into
@@ -188,17 +187,6 @@ def test_laid_out_halves_keep_the_shape_of_their_views(screen: tuple[int, int]) 
 
 
 sides, small = st.integers(1, 4000), st.integers(4, 40)
-
-
-@given(sides, sides, sides, sides)
-def test_fit_area_fills_one_direction_and_keeps_the_aspect(
-    pw: int, ph: int, aw: int, ah: int
-) -> None:
-    x, y, w, h = fit_area((pw, ph), (aw, ah))
-    assert min(x, y) >= 0 and x + w <= aw and y + h <= ah and (w == aw or h == ah)
-    assert abs(x - (aw - w - x)) <= 1 and abs(y - (ah - h - y)) <= 1
-    scale = min(aw / pw, ah / ph)
-    assert max(abs(w - max(1, pw * scale)), abs(h - max(1, ph * scale))) <= 0.5 + 1e-6
 
 
 @given(small, small, st.integers(0, 255))

@@ -182,21 +182,6 @@ def test_plan_needs_depth_where_distance_changes_the_views(how: Config) -> None:
     assert make_plan(scene, how).needs_depth == (not same)
 
 
-def test_plan_of_equal_views_needs_no_eyes() -> None:
-    scene = field(3, 3)
-    equal = attrs.evolve(
-        scene,
-        views=np.ascontiguousarray(np.broadcast_to(scene.views[:, :1, :1], scene.views.shape)),
-    )
-    assert not equal.needs_eyes and not make_plan(equal, Config()).needs_tracking
-    assert any("all views are equal" in item.why for item in make_plan(equal, Config()).left_out)
-    other = equal.views.copy()
-    other[0, 1, 1, 0, 5, 5] ^= 1
-    assert attrs.evolve(equal, views=other).needs_eyes, "one bit of a view in the middle"
-    early = attrs.evolve(equal, manifest=Manifest(complete=False))
-    assert early.needs_eyes, "views that are not written yet are equal, too"
-
-
 @pytest.mark.parametrize(
     ("changes", "method", "why"),
     [
@@ -218,24 +203,3 @@ def test_plan_explains_why_nothing_is_warped(
         with_keys(render__method=method),
     )
     assert next(item.why for item in plan.left_out if item.what == "warping") == why
-
-
-def test_plan_counts_what_is_left_out_in_bytes_and_planes() -> None:
-    """Views of 48 x 64 px, three planes each; frames of 640 x 480."""
-    by_hand = with_keys(render__anaglyph="colour", render__method="nearest", render__alpha_px=32.0)
-    assert saved(make_plan(field(3, 3), by_hand)) == {
-        "warping": "3 warped planes per picture",
-        "disparity maps": "0.00691 MB not read",
-        "3 of 6 planes per picture": "0.00922 MB per picture",
-        "the viewer's distance": "alpha stays 32 px per view",
-    }
-    assert (
-        saved(make_plan(field(1, 1), Config()))["capture and tracking"]
-        == "2 processes, 0.922 MB per frame"
-    )
-    assert saved(make_plan(field(1, 9), Config()))["row coordinate"] == "0.0246 MB of maps per view"
-    film = attrs.evolve(field(3, 3), views=np.zeros((4, 3, 3, 1, 48, 64), np.uint8))
-    assert (
-        saved(make_plan(film, Config()))["two of three colour planes"]
-        == "0.221 MB of pack and memory"
-    )

@@ -13,8 +13,6 @@ import pytest
 from lfpipe.bench.simulator.camera import T0_NS
 from lfpipe.host.presentation import Presented
 from lfpipe.render.display.refresh import (
-    GAIN,
-    LARGEST_STEP,
     Refresh,
     ScreenClock,
     ScreenRefresh,
@@ -27,23 +25,6 @@ MS = 1_000_000
 AGE_NS = 5 * MS  # from a frame's stamp to its eyes
 
 
-def hear(
-    refresh: Refresh, camera_hz: float, numbers: range, start_ns: int = T0_NS
-) -> tuple[list[int], list[float]]:
-    """Lets refreshes pass until the eyes of each of these frames come, and tells them; the times at
-    which pictures were due, and how far off the refresh is after each frame.
-    """
-    due, away = [], []
-    for number in numbers:
-        t_sensor_ns = start_ns + round((number - numbers[0]) * 1e9 / camera_hz)
-        while refresh.due_ns() <= t_sensor_ns + AGE_NS:
-            due.append(refresh.due_ns())
-            refresh.advance(refresh.due_ns())
-        refresh.add_eyes(number, t_sensor_ns, t_sensor_ns + AGE_NS)
-        away.append(off(refresh, t_sensor_ns))
-    return due, away
-
-
 def off(refresh: Refresh, t_sensor_ns: int) -> float:
     """How far a refresh is from being due just after the eyes of that frame are drawn, in periods,
     -0.5 to 0.5.
@@ -53,27 +34,6 @@ def off(refresh: Refresh, t_sensor_ns: int) -> float:
         refresh.due_ns() - (t_sensor_ns + AGE_NS + refresh.lead_ns() + slack_ns)
     ) / refresh.period_ns
     return float((away + 0.5) % 1 - 0.5)
-
-
-@pytest.mark.parametrize(("display_hz", "camera_hz"), [(60, 30), (60, 60), (144, 24)])
-@pytest.mark.parametrize("phase", [0.9])
-# frames lost on the way do not change the camera's rate
-@pytest.mark.parametrize("numbers", [range(2), range(0, 300, 3)], ids=str)
-def test_refresh_takes_its_phase_from_the_second_frame(
-    display_hz: float, camera_hz: float, phase: float, numbers: range
-) -> None:
-    refresh = Refresh(display_hz, T0_NS - round(phase * 1e9 / display_hz))
-    assert abs(hear(refresh, camera_hz, numbers)[1][-1]) < 1e-3
-
-
-@pytest.mark.parametrize("true_hz", [29.97, 30.02])
-def test_refresh_follows_a_rate_that_is_a_little_off(true_hz: float) -> None:
-    refresh = Refresh(60.0, T0_NS)
-    due, away = hear(refresh, true_hz, range(3000))
-    drift = abs(1 - 30 / true_hz) * 2  # of a display's period, a frame
-    assert max(map(abs, away[500:])) < 1.2 * drift / GAIN
-    gaps = np.diff(due[30:]) / refresh.period_ns
-    assert np.abs(gaps - 1).max() <= LARGEST_STEP + 1e-6
 
 
 def test_refresh_due_ns_increases_for_any_camera_stamps() -> None:

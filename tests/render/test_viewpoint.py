@@ -30,34 +30,6 @@ def soft_clamp(value: float, count: int, reach: float) -> float:
     return limited(value, 0.0, count - 1.0, reach)
 
 
-EYE_DISTANCE = (250.0, 240.0, 190.0, 240.0)  # 5 views, the middle 8.3 views to the right
-
-
-@pytest.mark.parametrize(
-    ("render", "eyes", "views"),
-    [
-        # The unmirrored picture shows the left eye, and a step to the viewer's left, at larger x;
-        # who sinks is at larger y.
-        ({}, (326.0, 252.0, 302.0, 252.0), ((5.0, 3.5), (5.0, 5.5))),
-        ({"swap_eyes": True}, (326.0, 252.0, 302.0, 252.0), ((5.0, 5.5), (5.0, 3.5))),
-        ({}, (math.nan,) * 4, ((4.0, 4.0), (4.0, 4.0))),
-        # at the edge depth stays, or each eye stops by itself
-        ({"extrapolate_views": 0.0}, EYE_DISTANCE, ((4.0, 3.0), (4.0, 8.0))),
-        ({"extrapolate_views": 0.0, "keep_depth": False}, EYE_DISTANCE, ((4.0, 8.0), (4.0, 8.0))),
-        (
-            {"extrapolate_views": 0.0, "keep_depth": False},
-            (450.0, 240.0, 390.0, 240.0),
-            ((4.0, 0.0), (4.0, 0.0)),
-        ),
-    ],
-)
-def test_view_solver_formula(
-    render: dict[str, object], eyes: tuple[float, ...], views: tuple[tuple[float, float], ...]
-) -> None:
-    found = solver(**render).views(eyes)  # type: ignore[arg-type]
-    assert np.ravel(found).tolist() == pytest.approx(np.ravel(views).tolist(), abs=1e-12)
-
-
 SENSELESS = st.sampled_from([0.0, -0.0, math.nan, math.inf, 1e-320])
 
 
