@@ -43,13 +43,8 @@ from lfpipe.host.files import exists
 from lfpipe.host.machine import has_gpu
 from lfpipe.host.worker import Report, serve
 from lfpipe.live.field import LiveViews, summary_of
-from lfpipe.render.display.open_display import (
-    check_display,
-    detect_monitors,
-    device_latency_doubt,
-    has_display,
-    parse_display,
-)
+from lfpipe.render.display.monitors import detect_monitors, device_latency_doubt
+from lfpipe.render.display.open_display import check_display, has_display, parse_display
 from lfpipe.render.plan import Plan, make_plan
 from lfpipe.render.synthesis.compositor import settings_for_scene
 from lfpipe.render.ui.notices import GLASSES

@@ -97,7 +97,7 @@ def sdl() -> Check:
         # CI and servers replay, record and measure without a screen
         return Check("display", True, "no screen here", remedy)
     try:
-        from lfpipe.render.display.open_display import detect_monitors
+        from lfpipe.render.display.monitors import detect_monitors
         from lfpipe.render.display.window_system import drawn_by, pygame
 
         driver, monitors = detect_monitors()

@@ -20,7 +20,7 @@ from lfpipe import config
 from lfpipe.cli.prepare import device_latency_lines
 from lfpipe.config.modes import CameraViewer, Nothing, Window
 from lfpipe.errors import UserError
-from lfpipe.render.display.open_display import (
+from lfpipe.render.display.monitors import (
     Monitor,
     device_latency_conditions,
     device_latency_doubt,

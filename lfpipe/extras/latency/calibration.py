@@ -27,7 +27,8 @@ from lfpipe.extras.latency.estimate import (
 )
 from lfpipe.files.decoding import BrokenFrame
 from lfpipe.render.display.display import Overlay
-from lfpipe.render.display.open_display import Monitor, has_display
+from lfpipe.render.display.monitors import Monitor
+from lfpipe.render.display.open_display import has_display
 from lfpipe.render.display.refresh import ScreenClock
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns, sleep_until
 from lfpipe.transport.ring import StampKind

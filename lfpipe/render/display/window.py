@@ -18,7 +18,7 @@ from lfpipe.files.decoding import fit_area
 from lfpipe.host.presentation import Presented
 from lfpipe.render.display import window_system
 from lfpipe.render.display.display import Display, Event, Overlay
-from lfpipe.render.display.open_display import find_monitor, monitors
+from lfpipe.render.display.monitors import find_monitor, monitors
 from lfpipe.render.display.painters import Panel, open_painter
 from lfpipe.render.display.window_system import open_presentation, pygame
 from lfpipe.render.display.zoom import Zoom
