@@ -143,6 +143,7 @@ def test_monitor_screen_keys_and_a_session_that_starts_again(world: World, scene
         ("p", "resumed"),
         ("c", "recentred"),
         ("r", "counts reset"),
+        ("t", "trace: /"),  # of the session's start: there is one
         ("t", "tracing to"),
     ):
         terminal.press(key)

@@ -38,7 +38,7 @@ def test_calibrate_latency_finds_a_made_delay(world: World, screen: Screen, tmp_
     ]
     low_ms, high_ms = map(float, re.findall(r"90 %: ([\d.]+) to ([\d.]+) ms", out)[0])
     assert (
-        abs(written["device_latency_ms"] - truth_ms) < 1.5
+        abs(written["device_latency_ms"] - truth_ms) < 4.0  # a quarter of a refresh
         and low_ms < written["device_latency_ms"] < high_ms
     ), (
         out,
