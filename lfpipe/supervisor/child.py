@@ -97,8 +97,10 @@ def _run_stage(spec: StageSpec, parent_pid: int, run_dir: Path, stack: TextIO) -
         code = EXIT_TERMINATED
     context.row["state"] = State.STOPPING
     context.close()
-    if os.getppid() != parent_pid:
-        rundir.sweep_own(run_dir)  # the supervisor was killed: the last stage cleans up
+    # The supervisor was killed: the last stage cleans up. One that dies closes its files, which
+    # ends this process, before another process becomes its parent.
+    if terminated or os.getppid() != parent_pid:
+        rundir.sweep_own(run_dir)
     with contextlib.suppress(OSError):  # the terminal is closed
         sys.stdout.flush()
         sys.stderr.flush()
