@@ -33,7 +33,7 @@ def test_window_rests_while_the_mouse_stands_still(
         lambda: (now := world.monitor()["stages"]["render"])["count"] > before["count"] and now,
         "a picture",
     )
-    assert moved["missed"] == before["missed"]
+    assert moved["missed"] <= before["missed"] + 2, "dozens of refreshes needed no picture"
 
     def works() -> bool:
         """While the mouse moves: the supervisor looks once a second."""

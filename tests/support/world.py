@@ -334,7 +334,12 @@ class World:
 
     def left(self) -> list[str]:
         """What the sessions of this world have left."""
-        return [str(path) for path in self.run_dir.rglob("*")]
+        # walk passes over what is removed meanwhile
+        return [
+            f"{folder}/{name}"
+            for folder, folders, files in os.walk(self.run_dir)
+            for name in (*folders, *files)
+        ]
 
     def segments(self, part: str = "") -> list[str]:
         """Names of the shared memory of this world's sessions; of one kind, where part names

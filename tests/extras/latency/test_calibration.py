@@ -26,6 +26,7 @@ def calibrated(world: World, screen: Screen, node: Path, **optics: object) -> tu
     return process.returncode, out, err
 
 
+@pytest.mark.alone
 @pytest.mark.native("Video4Linux")
 def test_calibrate_latency_finds_a_made_delay(world: World, screen: Screen, tmp_path: Path) -> None:
     node = tmp_path / "video0"
