@@ -132,7 +132,7 @@ LESS = "of 30 Hz and a screen of 60 Hz; less is better"
 
 
 def summary(benchmark: Benchmark, results: Results) -> str:
-    """HTML; "" for a benchmark without a chart, or whose default was not measured."""
+    """HTML; "" for a benchmark without `sentences`."""
     if not (texts := sentences(benchmark, results)):
         return ""
     lead, *others = map(html.escape, texts)
@@ -153,9 +153,11 @@ def _alternatives(benchmark: Benchmark, results: Results) -> tuple[list[Row], Ro
 
 
 def sentences(benchmark: Benchmark, results: Results) -> list[str]:
-    """What the first chart shows; nothing where there is none, or no default was measured."""
+    """What the first chart shows of a benchmark that chooses by its error; nothing where there is
+    none, or no default was measured.
+    """
     rows, used = _alternatives(benchmark, results)
-    if used is None:
+    if used is None or benchmark.choice is None:
         return []
     cost, error = (benchmark.column(key) for key in benchmark.charts[0])
 
@@ -175,7 +177,7 @@ def sentences(benchmark: Benchmark, results: Results) -> list[str]:
             f"The alternative with the least error, {best.name}, has"
             f" {best.values[error.key].text} at {times(best, used)} that of the default."
         )
-    tie = benchmark.choice.difference if benchmark.choice else 0.0
+    tie = benchmark.choice.difference
     better = [
         row.name
         for row in others
