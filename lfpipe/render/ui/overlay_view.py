@@ -571,7 +571,7 @@ def notice_panel(
     text_px: int,
     lit: Highlight = NO_HIGHLIGHT,
 ) -> ItemPanel:
-    """A notice above or below y_px; its items stand beside the text or below it."""
+    """A notice above or below y_px; its items are beside the text or below it."""
     unit = unit_px(text_px)
     pad = 2 * unit
     room = window_px[0] - 2 * EDGE_PX - 2 * pad
