@@ -103,7 +103,14 @@ def launch(arguments: UpArguments, run_policy: RunPolicy = lambda first, _: firs
     with contextlib.ExitStack() as splash:
         if arguments.start:  # it takes seconds to look at cameras and scenes
             command = python("lfpipe.render.display.splash", session.name)
-            splash.enter_context(subprocess.Popen(command, stdin=subprocess.PIPE))
+            splash.enter_context(
+                subprocess.Popen(  # out of reach of the terminal: it ends with its input
+                    command,
+                    stdin=subprocess.PIPE,
+                    stderr=subprocess.DEVNULL,
+                    start_new_session=True,
+                )
+            )
         prepared = _prepared(arguments)
         return run_policy(lambda: _run(session, prepared), lambda: _run(session, _prepared(again)))
 

@@ -185,6 +185,8 @@ def press(name: str, key: str) -> str:
 
     Raises UserError.
     """
+    if key not in ("p", "c", "t"):
+        return ""
     settings = snapshot(name)
     if key == "t" and settings.options.trace:
         return f"trace: {finish_trace(partial(ask, name))}"
@@ -192,9 +194,8 @@ def press(name: str, key: str) -> str:
         begin_trace(partial(ask, name), None)
         return "tracing: t ends it"
     words = {"p": "resume" if settings.paused else "pause", "c": "recentre"}
-    if word := words.get(key):
-        ask(name, {"cmd": word})
-    return f"{word}d" if word else ""
+    ask(name, {"cmd": words[key]})
+    return f"{words[key]}d"
 
 
 def run(name: str, once: bool, as_json: bool) -> None:
@@ -236,8 +237,9 @@ def screen(name: str) -> None:
             if sample is not None and now - second >= 1.0:
                 second = now
                 ages_ms.append(sample.metrics.end_to_end["p50_ms"])
-            shown_note = note if now < note_end else ""
-            live.update(screen_view(name, sample, shown_note, ages_ms), refresh=True)
+            live.update(
+                screen_view(name, sample, note if now < note_end else "", ages_ms), refresh=True
+            )
             while left_s := max(0.0, now + PERIOD_S - time.monotonic()):
                 try:
                     key = keyboard.key(left_s)
