@@ -6,12 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from lfpipe import config
 from lfpipe.capture.spec import parse_source
 from lfpipe.config import Scene, Track
 from lfpipe.errors import UserError
-from lfpipe.plugins import DISPLAYS, ENGINES, FILTERS, LAYOUTS, SOURCES, blaming, entries, load
-from lfpipe.render.display.open_display import parse_display
+from lfpipe.plugins import ENGINES, FILTERS, LAYOUTS, SOURCES, entries
 from lfpipe.scene import layouts
 from lfpipe.track.engine import make_engine
 from lfpipe.track.filters.base import make_filter
@@ -87,22 +85,3 @@ def test_plugin_engine_filter_or_source_that_fails_is_named(install: Install) ->
         make_filter(Track(filter="bad"))
     with pytest.raises(UserError, match=r"bad of bad 1\.0 \(lfpipe\.sources\): AttributeError"):
         parse_source("bad:")
-
-
-def test_missing_plugin_is_refused() -> None:
-    with pytest.raises(UserError, match="'gone' is not installed"):
-        load(LAYOUTS, "gone")
-
-
-def test_blaming_names_no_built_in_part() -> None:
-    with pytest.raises(ZeroDivisionError), blaming([(LAYOUTS, "array")]):
-        raise ZeroDivisionError
-
-
-def test_plugin_is_named_where_its_name_is_mistyped(install: Install) -> None:
-    install({FILTERS: "newest = bad_parts:raising", DISPLAYS: "count = bad_parts:raising"})
-    with pytest.raises(UserError, match=r"one of predictive, .*newest \(did you mean 'newest'"):
-        config.load(None, ("track.filter=newset",))
-    with pytest.raises(UserError) as error:
-        parse_display("cuont:x")
-    assert "count:ARGUMENT" in error.value.remedy

@@ -1,6 +1,5 @@
 """The public interface: promises of docs/python.md that its examples do not show."""
 
-import inspect
 import re
 import sys
 from collections.abc import Callable
@@ -12,7 +11,6 @@ import numpy as np
 import pytest
 
 import lfpipe
-from lfpipe import rings
 from lfpipe.eyes import EYES
 from tests.support.processes import printed
 from tests.support.refusal import refusal
@@ -23,30 +21,6 @@ HEAVY = ("numpy", "cv2", "zmq", "attrs", "lfpipe.cli", "lfpipe.config")
 def test_import_lfpipe_loads_nothing_else() -> None:
     code = f"import sys, lfpipe; print([name for name in {HEAVY} if name in sys.modules])"
     assert printed(sys.executable, "-c", code) == "[]\n"
-
-
-def test_api_names_are_there_and_documented() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "reference.md").read_text()
-    for name in lfpipe.__all__:
-        assert callable(getattr(lfpipe, name)) and name in dir(lfpipe), name
-        assert f"::: lfpipe.{name}\n" in page
-    shown = re.search(r"::: lfpipe\.rings\n +options:\n +members: \[(.*)\]", page)
-    assert shown is not None
-    assert {*shown[1].split(", "), "EYES", "SHOWN", "now_ns"} == set(rings.__all__)
-    with pytest.raises(AttributeError, match="no attribute 'open_scen'"):
-        lfpipe.open_scen  # noqa: B018
-
-
-def test_replay_is_a_function_with_its_own_signature() -> None:
-    assert list(inspect.signature(lfpipe.replay).parameters) == [
-        "sequence",
-        "scene",
-        "pace",
-        "out",
-        "settings",
-    ]
-    assert lfpipe.replay.__doc__ is not None and "recorded sequence" in lfpipe.replay.__doc__
-    assert "no such folder" in str(refusal(lfpipe.replay, "/nowhere"))
 
 
 @pytest.fixture(scope="module")
@@ -183,15 +157,3 @@ def test_tracker_finds_the_eyes_that_the_stage_finds(clip: Path) -> None:
         )
         assert tracker.update(np.zeros_like(frame), 10**9) is None
     stage.engine.close()
-
-
-def test_a_notebook_shows_the_middle_view_and_takes_rgb(scene: Path, tmp_path: Path) -> None:
-    settings = {"scene.cache_dir": str(tmp_path / "cache")}
-    field = lfpipe.open_scene(scene, settings)
-    shown = cv2.imdecode(np.frombuffer(field._repr_png_(), np.uint8), cv2.IMREAD_COLOR)
-    middle = lfpipe.render_view(field, field.rows // 2, field.cols // 2)
-    np.testing.assert_array_equal(shown, middle)
-    rgb = lfpipe.render_view(field, field.rows // 2, field.cols // 2, order="rgb")
-    np.testing.assert_array_equal(rgb[..., ::-1], middle)
-    with pytest.raises(lfpipe.UserError, match="gbr"):
-        lfpipe.render_anaglyph(field, (1, 0), (1, 1), order="gbr")

@@ -1,17 +1,12 @@
 """Light fields as arrays: the same pictures as from files, and mistakes with their remedy."""
 
-import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 import lfpipe
-from lfpipe.scene.layouts._likeness import MIN_VIEW_PX
-from lfpipe.scene.layouts.arrays import require_views
 from tests.scene import made
 from tests.support.hostile_sequences import made_sequence
 from tests.support.refusal import refusal
@@ -77,12 +72,6 @@ def test_open_scene_takes_a_light_field_and_its_views(cache: dict[str, Any]) -> 
     np.testing.assert_array_equal(copy.views, field.views)
 
 
-def test_open_scene_of_sixteen_bits_is_as_bright(cache: dict[str, Any]) -> None:
-    deep = np.rint(VIEWS / 255 * 65535).astype(np.uint16)
-    shown = lfpipe.render_view(lfpipe.open_scene(deep, cache), 1, 2, method="nearest")
-    assert np.abs(shown.astype(int) - VIEWS[1, 2, ..., ::-1]).max() <= 1
-
-
 def test_open_scene_takes_disparity_and_positions(cache: dict[str, Any], tmp_path: Path) -> None:
     disparity = np.full((2, 3, 40, 48), 1.0, np.float32)  # the pictures say 2
     positions = np.stack([*np.mgrid[0:2, 0:3]], axis=-1) * 12.5
@@ -94,26 +83,3 @@ def test_open_scene_takes_disparity_and_positions(cache: dict[str, Any], tmp_pat
         lfpipe.render_view(turned, 0, 0, method="nearest"), VIEWS[0, 0, ..., ::-1]
     )
     assert "only arrays have" in str(refusal(lfpipe.open_scene, tmp_path, disparity=disparity))
-
-
-@settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
-@given(
-    shape=st.lists(st.sampled_from([0, 1, 2, 3, 5, 15]), min_size=0, max_size=7).map(tuple),
-    kind=st.sampled_from(["u1", "u2", "f4", "i8", "?", "c16"]),
-)
-def test_require_views_takes_or_refuses_any_array(shape: tuple[int, ...], kind: str) -> None:
-    views = np.zeros(shape, kind)
-    axes = (*shape, 1) if len(shape) == 4 else shape
-    good = (
-        len(axes) in (5, 6)
-        and axes[-1] in (1, 3)
-        and 0 not in axes
-        and kind in ("u1", "u2", "f4")
-        and min(max(axes[-3:-1], axes[-5:-3], key=math.prod)) >= MIN_VIEW_PX
-    )
-    try:
-        assert require_views(views, "x").ndim == 6 and good
-    except lfpipe.UserError as error:
-        assert error.remedy and not good

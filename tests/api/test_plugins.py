@@ -118,18 +118,6 @@ def install_never(world: World) -> None:
     world.env["PYTHONPATH"] += os.pathsep + str(folder)
 
 
-@pytest.mark.parametrize(("part", "why"), [("engine", "SystemExit"), ("screen", "shown_px")])
-def test_plugin_that_never_worked_ends_the_session_and_is_named(
-    world: World, scene: Path, part: str, why: str
-) -> None:
-    install_never(world)
-    chosen = ["--display", part]
-    if part == "engine":
-        chosen = ["--display", "none", "--set", "track.engine=engine"]
-    said = world.refused("up", scene, "--camera", "demo", "--duration", "20", *chosen)
-    assert f"{part} of never 1.0" in said and why in said, said
-
-
 def test_plugin_engine_that_ends_its_process_ends_the_session(world: World, scene: Path) -> None:
     install_never(world)
     words = ("up", scene, "--camera", "demo", "--display", "none", "--set", "track.engine=crash")

@@ -2,7 +2,6 @@
 ends.
 """
 
-import gc
 import os
 import signal
 import subprocess
@@ -72,28 +71,6 @@ def test_session_in_a_thread_is_changed_loaded_and_stopped(home: World, scene: P
     assert home.segments() == []
 
 
-def test_session_that_cannot_start_names_its_parameter(home: World, scene: Path) -> None:
-    taken = home.root / "taken"
-    taken.mkdir()
-    for wrong, named in (
-        ({"scene": "/nowhere"}, "nowhere"),
-        ({"settings": {"render.methd": "warp"}}, "did you mean"),
-        ({"trace": taken}, "trace"),
-        ({"name": "a/b"}, "name"),
-        ({"display": "x"}, "display='x'"),
-    ):
-        text = str(refusal(lfpipe.Session, **{"scene": scene, "camera": "demo", **wrong}))
-        assert named in text and "--" not in text, text
-    assert home.segments() == []
-
-
-def test_session_shows_an_open_light_field(home: World, scene: Path) -> None:
-    field = lfpipe.open_scene(scene, invert_depth=True)
-    with field, lfpipe.Session(field, camera="demo", settings=QUICK) as session:
-        shown = session.ask({"cmd": "hello"})["options"]["scene"]
-    assert (shown["pack"], shown["depth_inverted"]) == (field.folder, True)
-
-
 def test_session_that_is_killed_says_how_it_ended(home: World, scene: Path) -> None:
     with lfpipe.Session(scene, camera="demo", settings=QUICK) as session:
         os.kill(session.status()["stages"]["render"]["pid"], 0)
@@ -122,83 +99,3 @@ with lfpipe.Session({str(scene)!r}, camera="demo", name="killed") as session:
     os.kill(process.pid, number)
     process.communicate(timeout=60)
     home.wait_for(lambda: not home.segments() and not list(home.run_dir.glob("*/ctl")), "clean end")
-
-
-def test_session_in_a_notebook(home: World, scene: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    nbclient, nbformat = pytest.importorskip("nbclient"), pytest.importorskip("nbformat")
-    pytest.importorskip("ipykernel")
-    monkeypatch.setenv("JUPYTER_DATA_DIR", str(home.root / "jupyter"))
-    cells = (
-        (
-            f"import lfpipe\nsession = lfpipe.Session({str(scene)!r}, camera='demo',"
-            f" settings={QUICK!r})\nsession.frame().picture.shape"
-        ),
-        (
-            "session.set({'render.method': 'blend'})\nsession.ask({'cmd':"
-            " 'hello'})['config']['render']['method']"
-        ),
-        "session.stop()\nsession.wait(30)",
-    )
-    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells])
-    nbclient.NotebookClient(
-        notebook,
-        timeout=120,
-        kernel_name="python3",
-        resources={"metadata": {"path": str(home.root)}},
-    ).execute()
-    shown = [cell["outputs"][-1]["data"]["text/plain"] for cell in notebook["cells"]]
-    assert shown == ["(480, 640, 3)", "'blend'", "True"]
-    assert home.segments() == []
-
-
-FORKING = """
-import ctypes, multiprocessing, sys, time
-import lfpipe
-
-session = lfpipe.Session({scene!r}, camera="demo", name="forking", settings={settings!r})
-if sys.argv[1] == "python":
-    multiprocessing.get_context("fork").Process(target=time.sleep, args=(600,)).start()
-elif ctypes.PyDLL(None).fork() == 0:  # by a library: Python does not know
-    time.sleep(600)
-print("runs", flush=True)
-sys.stdin.readline()
-began = time.monotonic()
-session.stop()
-print(time.monotonic() - began, flush=True)
-time.sleep(600)
-"""
-
-
-@pytest.mark.parametrize("how", ["python", "library"])
-@pytest.mark.parametrize("end", ["stop", "kill"])
-def test_session_of_a_program_that_forks_ends_in_time(
-    home: World, scene: Path, how: str, end: str
-) -> None:
-    code = FORKING.format(scene=str(scene), settings=QUICK)
-    process = subprocess.Popen(
-        [sys.executable, "-c", code, how],
-        env=home.env,
-        cwd=home.root,
-        text=True,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-    )
-    home.running.append(process)
-    assert process.stdin is not None and process.stdout is not None
-    assert process.stdout.readline() == "runs\n" and home.segments()
-    if end == "kill":
-        process.kill()
-        home.wait_for(lambda: not home.segments(), "end of the session")
-    else:
-        process.stdin.write("\n")
-        process.stdin.flush()
-        assert float(process.stdout.readline()) < 20 and not home.left()
-
-
-def test_session_that_is_garbage_is_stopped_with_a_warning(home: World, scene: Path) -> None:
-    session = lfpipe.Session(scene, camera="demo", name="lost", settings=QUICK)
-    session.frame()
-    with pytest.warns(ResourceWarning, match=r"the session 'lost' was not stopped"):
-        del session
-        gc.collect()
-    assert not home.left()

@@ -3,22 +3,9 @@ without sample data.
 """
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
-from tests.support.extras import PRESENT
 from tests.support.world import World
-
-ROOT = Path(__file__).parents[2]
-# shared by scripts; the last is a build hook
-NO_SCRIPTS = ("arguments", "simulated_recordings", "svg", "package_page")
-FILES = [*ROOT.glob("profiling/*.py"), *ROOT.glob("tools/*.py")]
-SCRIPTS = sorted(
-    path
-    for path in FILES
-    if path.stem not in NO_SCRIPTS and (PRESENT or "lfpipe.extras" not in path.read_text())
-)
 
 
 def test_benchmarks_from_the_command_line_share_a_folder(
@@ -37,9 +24,3 @@ def test_benchmarks_from_the_command_line_share_a_folder(
         "synthesis",
         "stability",
     ]
-
-
-def run(script: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, str(script), *words], capture_output=True, text=True, check=False
-    )

@@ -19,9 +19,7 @@ from lfpipe.bench.results import (
     Table,
     Value,
     judged_table,
-    ratio_of,
     read,
-    timing,
     write,
 )
 from lfpipe.bench.runner import Offer, Prepared, Variant, run
@@ -103,25 +101,6 @@ def test_failures_are_kept_with_their_reason_and_repetitions_are_interleaved() -
     )
 
 
-def test_the_first_repetition_does_not_count() -> None:
-    times_ms = iter([50.0, *[2.0] * 6])
-    one = Variant(
-        curve="one", parameter="", prepare=lambda: ({}, lambda: {"time_ms": next(times_ms)})
-    )
-    (taken,) = run(FAKE, [one], True, quiet).rows
-    assert taken.values["time_ms"] == Value(2.0, 2.0, 2.0)
-    assert [sample["time_ms"] for sample in taken.samples] == [50.0, *[2.0] * 6]
-
-
-def test_ratios_over_scripts_are_paired() -> None:
-    """Scripts differ by more than what is compared, and the ratio is the same on each."""
-    base = [0.1, 1.0, 10.0]
-    ratio = ratio_of([1.8 * one for one in base], base)
-    assert (ratio.value, ratio.low, ratio.high) == pytest.approx((1.8, 1.8, 1.8))
-    spread = ratio_of([0.1, 2.0, 20.0], base)
-    assert spread.value == pytest.approx(4 ** (1 / 3)) and spread.low < spread.value < spread.high
-
-
 def row(name: str, time_ms: float, error_px: float, paper: bool = False, used: bool = False) -> Row:
     values = {"time_ms": Value(time_ms, time_ms * 0.9, time_ms * 1.1), "error_px": Value(error_px)}
     return Row(name, values, name, "", paper, used)
@@ -188,12 +167,6 @@ def test_report_stands_alone_and_reads_back(
         "", "", "case", {"a": 0}, {"b": 0}, lambda row, column: (f"{row / column}", "ok")
     )
     assert failed.rows[0].values["b"].state == "failed"
-
-
-def test_interval_of_the_median_is_that_of_the_sign_test() -> None:
-    for count, low, high in ((3, 1, 3), (8, 1, 8), (10, 2, 9), (20, 6, 15), (50, 18, 33)):
-        one = timing([float(k) for k in range(count, 0, -1)])
-        assert (one.low, one.high) == (low, high), "of too few, the range"
 
 
 def test_nothing_that_lfpipe_did_not_write_is_replaced(

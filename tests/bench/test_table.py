@@ -2,7 +2,6 @@
 keep.
 """
 
-import sys
 from functools import partial
 from pathlib import Path
 
@@ -16,8 +15,7 @@ from skimage.metrics import peak_signal_noise_ratio
 
 from lfpipe.bench import table as metrics
 from lfpipe.bench.results import Results
-from lfpipe.bench.table import Protocol, kept_views, measure_scenes
-from lfpipe.errors import UserError
+from lfpipe.bench.table import Protocol, measure_scenes
 from lfpipe.render.synthesis.scoring import psnr_db
 from lfpipe.scene.lightfield import LightField
 from tests.bench.inputs import wall
@@ -48,34 +46,6 @@ def test_luma_and_psnr_are_those_of_scikit_image(
             abs=1e-10,
         )
     assert metrics.ssim(x, x) == 1.0 and (metrics.ssim(x, y) < 1.0) == (x != y).any()
-
-
-def test_missing_scikit_image_is_refused_with_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "skimage", None)
-    with pytest.raises(UserError, match="needs scikit-image") as refused:
-        _run([])
-    assert refused.value.remedy.rstrip("`").endswith("scikit-image")
-
-
-def test_grey_counts_as_three_equal_channels() -> None:
-    grey = np.arange(256, dtype=np.uint8).reshape(1, 16, 16)
-    np.testing.assert_allclose(
-        metrics.studio_luma(grey), metrics.studio_luma(np.repeat(grey, 3, axis=0)), atol=1e-12
-    )
-    assert metrics.studio_luma(grey).min() == 16 and metrics.studio_luma(
-        grey
-    ).max() == pytest.approx(235)
-
-
-def test_kept_views() -> None:
-    kept = {9: [1, 7], 7: [0, 6], 17: [5, 11], 3: [0, 2], 1: [0]}
-    assert {count: list(kept_views(count, 2)) for count in kept} == kept and list(
-        kept_views(9, 3)
-    ) == [1, 4, 7]
-    with pytest.raises(ValueError, match="none is between"):
-        kept_views(2, 2)
-    with pytest.raises(ValueError, match="one view"):
-        next(metrics.measure(wall(1, 1), Protocol()))
 
 
 def _run(fields: list[LightField], protocol: Protocol | None = None) -> Results:

@@ -6,30 +6,25 @@ import errno
 from pathlib import Path
 from typing import Any
 
-import attrs
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe import config
-from lfpipe.capture import open_source
 from lfpipe.capture import v4l2_abi as abi
 from lfpipe.capture.camera import (
     MAX_AGE_NS,
     SensorClock,
     negotiate,
-    open_device,
     stamp_kind,
 )
-from lfpipe.capture.camera_list import CameraDevice, NoCamera, cameras
-from lfpipe.capture.open_source import check_source, resolve
-from lfpipe.capture.v4l2_device import FrameSizes, Mode, V4L2Device
+from lfpipe.capture.camera_list import cameras
+from lfpipe.capture.open_source import check_source
+from lfpipe.capture.v4l2_device import FrameSizes, V4L2Device
 from lfpipe.errors import UserError
-from lfpipe.render.choice import EyesSource
-from lfpipe.transport.ring import Stamp, StampKind
+from lfpipe.transport.ring import StampKind
 from tests.capture.fake_camera import PATH, FakeCamera, source
-from tests.render.rendered import record
 from tests.support.examples import examples
 
 PERIOD_NS = 100_000_000
@@ -96,39 +91,6 @@ def test_the_mode_is_chosen_by_size_rate_and_cost(
         assert len(info.notes) == 1, "an automatic rate is never missed"
 
 
-@pytest.mark.parametrize(
-    ("engine", "cores", "rate_hz"),
-    [("litert", 4, "auto"), ("litert", 2, 30.0), ("mediapipe", 4, 30.0)],
-)
-def test_two_cores_and_facemesh_stay_at_30_hz(
-    engine: Any, cores: int, rate_hz: object, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(open_source, "usable_cores", lambda: list(range(cores)))
-    settings = config.Config(track=config.Track(engine=engine))
-    assert open_source.camera_settings(settings).rate_hz == rate_hz
-    asked = attrs.evolve(settings, camera=config.Camera(rate_hz=50.0))
-    assert open_source.camera_settings(asked).rate_hz == 50.0
-
-
-def test_rounded_values_are_reported_and_a_range_of_sizes_includes_the_requested_one() -> None:
-    device = FakeCamera(Mode("MJPG", 800, 600, 0, 15.0))
-    mode, info = negotiate(PATH, device, config.Camera(format="YUYV", rate_hz=30.0))
-    assert device.requested == [("YUYV", 640, 480, 30.0)] and mode == device.mode
-    for part in ("MJPG 800x600 at 15 Hz", "YUYV requested", "scaled to 640x480", "30 Hz requested"):
-        assert part in " ".join(info.notes)
-    device = FakeCamera(
-        offered=[
-            FrameSizes(
-                fourcc="YUYV", width_px=32, height_px=32, rates_hz=(30.0,), largest_px=(4096, 4096)
-            )
-        ]
-    )
-    assert negotiate(PATH, device, config.Camera())[1].notes == (
-        "the camera delivers YUYV 640x480 at 30 Hz",
-    )
-    assert device.requested == [("YUYV", 640, 480, 30.0)]
-
-
 def test_lost_signal_is_reported_and_noise_is_not_shown() -> None:
     device = FakeCamera()
     camera = source(device)
@@ -152,22 +114,6 @@ def test_stamps_move_to_the_middle_of_the_exposure(
     half_ns = PERIOD_NS // 4 if exposure_ns is None else exposure_ns // 2
     middle_ns = min(stamp_ns + (half_ns if start else -half_ns), now_ns)
     assert SensorClock(10.0).middle_ns(stamp_ns, kind, now_ns, exposure_ns) == (middle_ns, kind)
-
-
-@pytest.mark.parametrize("rate_hz", [3.0, 6.0, 7.5, 30.0])
-def test_eyes_of_a_frame_with_the_oldest_usable_stamp_are_not_stale(rate_hz: float) -> None:
-    """Else a camera whose stamps are of another clock would have frames and no viewer."""
-    clock = SensorClock(rate_hz)
-    source = EyesSource()
-    for k in range(3):
-        read_ns = 10**12 + round(k * 1e9 / rate_hz)
-        sensor_ns, kind = clock.middle_ns(
-            read_ns - MAX_AGE_NS, StampKind.START_OF_EXPOSURE, read_ns, 0
-        )
-        assert kind == StampKind.START_OF_EXPOSURE
-        source.update(record(), Stamp(k, k, 0, sensor_ns, read_ns, read_ns, 0))
-    eyes = source.at(read_ns + round(1e9 / rate_hz) + 30_000_000)
-    assert eyes is not None and eyes.record.face
 
 
 @given(st.lists(st.integers(0, PERIOD_NS - 1), min_size=2, max_size=20))
@@ -290,15 +236,6 @@ def test_what_is_no_frame_is_skipped_or_reported(
     assert all(str(wanted) in str(one) for wanted, one in zip(read, found, strict=True)), found
 
 
-@pytest.mark.parametrize(("rate_hz", "least_s", "most_s"), [(30.0, 0.8, 0.9), (0.5, 5.9, 6.0)])
-def test_a_slow_camera_is_given_the_time_of_its_frames(
-    rate_hz: float, least_s: float, most_s: float
-) -> None:
-    device = FakeCamera(Mode("YUYV", 640, 480, 1280, rate_hz))
-    source(device, rate_hz=rate_hz).read(OUT)
-    assert least_s < device.timeout_s <= most_s
-
-
 @pytest.mark.native("Video4Linux")
 @pytest.mark.parametrize(
     ("text", "says", "remedy"),
@@ -336,46 +273,3 @@ def test_the_nodes_own_capabilities_decide(whole: int, node: int, tells: bool) -
     own = node if tells else whole
     assert device.captures == (own & abi.CAP_CAPTURES == abi.CAP_CAPTURES)
     assert device.multi_planar == (not device.captures and bool(own & abi.CAP_MULTI_PLANAR))
-
-
-@pytest.mark.native("Video4Linux")
-def test_a_multi_planar_camera_is_named_with_libcamera(monkeypatch: pytest.MonkeyPatch) -> None:
-    class MultiPlanar(FakeCamera):
-        captures, multi_planar = False, True
-
-    monkeypatch.setattr("lfpipe.capture.camera_list.V4L2Device", lambda *_: MultiPlanar())
-    with pytest.raises(UserError, match="multi-planar") as caught:
-        open_device(Path("/dev/video0"))
-    assert "libcamera" in caught.value.remedy
-    monkeypatch.setattr(
-        "lfpipe.capture.camera_list.nodes",
-        lambda *_: [CameraDevice(Path("/dev/video0"), "bcm2835-isp")],
-    )
-    with pytest.raises(NoCamera) as none:
-        resolve("")
-    assert "bcm2835-isp" in none.value.remedy and "libcamera" in none.value.remedy
-
-
-@pytest.mark.native("Video4Linux")
-def test_the_first_camera_is_the_first_device_that_captures(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    devices: list[FakeCamera] = []
-
-    def opened(path: Path) -> FakeCamera:
-        devices.append(FakeCamera())
-        devices[-1].captures = path.name != "video0"  # a camera's node for metadata
-        return devices[-1]
-
-    monkeypatch.setattr("lfpipe.capture.camera_list.V4L2Device", opened)
-    listed = [CameraDevice(Path(f"/dev/video{k}"), "Webcam", "usb-1") for k in range(2)]
-    monkeypatch.setattr("lfpipe.capture.camera_list.nodes", lambda: listed)
-    checked = check_source("", config.Camera())
-    assert checked.source == "camera:/dev/video1" and checked.rate_hz == 30
-    monkeypatch.setattr("lfpipe.capture.camera_list.cameras", lambda: listed[1:])
-    monkeypatch.setattr(
-        FakeCamera, "configure", lambda *_: (_ for _ in ()).throw(OSError(errno.EBUSY, "busy"))
-    )
-    with pytest.raises(UserError, match="busy"):
-        check_source("", config.Camera())
-    assert all(device.closed == 1 for device in devices), "also after a check that fails"

@@ -14,7 +14,6 @@ from lfpipe.capture.camera_controls import (
     EXPOSURE,
     GAIN,
     CameraControls,
-    control_texts,
 )
 from lfpipe.errors import UserError
 from tests.capture.fake_camera import FakeCamera, FakeControl, source
@@ -100,21 +99,6 @@ def test_controls_are_set_and_noted(kind: str) -> None:
     assert values(device) == wanted
     assert sorted(found) == [note for note in sorted(found) if any(word in note for word in notes)]
     assert len(found) == len(notes)
-
-
-def test_controls_that_a_camera_lacks_are_noted() -> None:
-    notes = " ".join(source(FakeCamera(), exposure=5.0, gain=7.0).info.notes)
-    assert notes.count("no such control") == 2
-
-
-def test_states_for_people() -> None:
-    texts = control_texts(webcam())
-    assert texts == [
-        "camera.exposure 33.3 ms (automatic) [0.3 to 204.7 ms]",
-        "camera.gain 20 (automatic) [0 to 100]",
-        "camera.dynamic_framerate 1 [0 to 1]",
-    ]
-    assert control_texts(FakeCamera()) == []
 
 
 def test_the_exposure_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:

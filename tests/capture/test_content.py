@@ -12,9 +12,7 @@ from lfpipe.capture.camera_list import (
     CameraDevice,
     ranked,
 )
-from lfpipe.capture.spec import CameraSpec, parse_source
 from lfpipe.capture.stage import COVERED_NS, flat_since
-from lfpipe.errors import UserError
 from lfpipe.transport.clock import SECOND_NS
 
 FRAME_NS = SECOND_NS // 30
@@ -69,22 +67,3 @@ def test_ranked_takes_the_camera_that_sees_faces_best(
     found = ranked(devices, lambda device: by_path[device.path])
     assert [devices.index(one.device) for one in found] == order
     assert [one.doubt for one in found] == doubts
-
-
-def test_ranked_keeps_the_first_of_equal_cameras_when_their_numbers_change() -> None:
-    places = {"/dev/video0": "usb1/1-6", "/dev/video2": "usb1/1-2"}
-    devices = [CameraDevice(Path(path), place=place) for path, place in places.items()]
-    swapped = [
-        CameraDevice(Path(path), place=place)
-        for path, place in zip(places, ("usb1/1-2", "usb1/1-6"), strict=True)
-    ]
-    firsts = [ranked(order, lambda _: ["MJPG"])[0].device.place for order in (devices, swapped)]
-    assert firsts == ["usb1/1-2"] * 2
-
-
-def test_names_that_people_type_are_understood() -> None:
-    assert parse_source("0") == parse_source("/dev/video0") == CameraSpec(Path("/dev/video0"))
-    for address in ("rtsp://me:secret@10.0.0.7/stream", "http://cam.local:8080/video"):
-        with pytest.raises(UserError, match="v4l2loopback") as refused:
-            parse_source(address)
-        assert "secret" not in str(refused.value)

@@ -114,19 +114,3 @@ def test_motion_jpeg_in_a_file(tmp_path: Path) -> None:
         and packets[5:10] == packets[:5]
         and set(np.diff(stamps)) == {40_000_000}
     )
-
-
-def test_a_folder_of_jpegs(tmp_path: Path) -> None:
-    sizes = (SIZE, SIZE, (48, 32))
-    for index, size in enumerate(sizes):
-        (tmp_path / f"{index}.jpg").write_bytes(jpeg(index, size))
-    source = FileSource(FileSpec(tmp_path, loop=False), CAMERA)
-    out = np.zeros(SHAPE, np.uint8)
-    assert source.info.jpeg
-    for index, size in enumerate(sizes):
-        frame = source.read(out)
-        assert frame is not None
-        packet = frame.packet
-        assert (packet is not None and packet.tobytes() == jpeg(index)) == (size == SIZE), (
-            "one of another size is not stored"
-        )

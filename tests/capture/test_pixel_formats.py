@@ -2,17 +2,13 @@
 passed on unchanged.
 """
 
-import os
-
 import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lfpipe.capture import pixel_formats
 from lfpipe.capture.pixel_formats import DECODED, JPEGS, FrameDecoder
 from lfpipe.capture.v4l2_device import Mode
-from lfpipe.files.decoding import picture_of
 from tests.capture.fake_camera import FakeCamera, source
 from tests.capture.made_files import SIZE, jpeg, seen
 
@@ -110,23 +106,6 @@ def test_a_damaged_jpeg_is_no_frame_and_prints_nothing(
         assert decoder.decode(photo(seed), out)[0], "the next one is whole again"
     assert capfd.readouterr().err == ""
     decoder.close()
-
-
-def test_stderr_of_other_threads_is_passed_on(
-    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    decode = picture_of
-
-    def with_a_line(data: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
-        os.write(2, b"another thread\n")
-        return decode(data)
-
-    decoder = FrameDecoder(Mode("MJPG", 320, 240, 0, 30.0))
-    out = np.zeros((240, 320, 3), np.uint8)
-    monkeypatch.setattr(pixel_formats, "picture_of", with_a_line)
-    assert decoder.decode(photo(), out)[0]
-    decoder.close()
-    assert capfd.readouterr().err == "another thread\n"
 
 
 @pytest.mark.parametrize("size", [SIZE, (32, 24)])

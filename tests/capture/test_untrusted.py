@@ -8,7 +8,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import attrs
 import cv2
 import numpy as np
 import pytest
@@ -89,17 +88,6 @@ def frames_in(avi: bytes) -> list[int]:
     ]
 
 
-def test_motion_jpeg_that_does_not_begin_with_a_whole_jpeg_is_left_to_ffmpeg(
-    tmp_path: Path,
-) -> None:
-    path = six(tmp_path / "v.avi", "MJPG")
-    data = path.read_bytes()
-    start = frames_in(data)[0] + 8
-    path.write_bytes(data[:start] + b"\0\0" + data[start + 2 :])
-    source = FileSource(FileSpec(path, loop=False), CAMERA)
-    assert not source.info.jpeg and len(played(source)[0]) >= COUNT - 1
-
-
 def with_a_hole(avi: bytes) -> bytes:
     """With zeros in its third frame."""
     at = frames_in(avi)[2]
@@ -122,11 +110,6 @@ def test_a_damaged_frame_is_reported_and_counted_and_the_rest_is_played(
     assert played(FileSource(FileSpec(path, loop=False), CAMERA)) == (numbers, lost)
 
 
-def test_a_damaged_picture_of_a_folder_is_reported_and_the_rest_is_played(tmp_path: Path) -> None:
-    (folder(tmp_path) / "2.png").write_bytes(b"nothing")
-    assert played(FileSource(FileSpec(tmp_path, loop=False), CAMERA)) == ([0, 1, 3, 4], 1)
-
-
 def test_a_source_of_broken_frames_only_gives_up(tmp_path: Path) -> None:
     source = FileSource(FileSpec(folder(tmp_path)), CAMERA)
     source.read(OUT)
@@ -140,24 +123,6 @@ def test_a_source_of_broken_frames_only_gives_up(tmp_path: Path) -> None:
             except BrokenFrame:
                 broken += 1
     assert broken == MAX_BROKEN and not isinstance(caught.value, BrokenFrame)
-
-
-@pytest.mark.parametrize("error", [MemoryError(), cv2.error("boom\nfrom within")])
-def test_errors_of_libraries_reach_nobody(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
-) -> None:
-    def fails(*_: Any) -> None:
-        raise error
-
-    source = FileSource(FileSpec(six(tmp_path / "v.avi")), CAMERA)
-    source._recording = attrs.evolve(source._recording, read=fails)
-    with pytest.raises(BrokenFrame) as caught:
-        source.read(OUT)
-    assert "v.avi" in caught.value.message and "boom" not in caught.value.message
-    source.close()
-    monkeypatch.setattr(open_source_module, "open_source", fails)
-    with pytest.raises(UserError):
-        check_source("demo", CAMERA)
 
 
 LISTS = {  # of other files and addresses, which FFmpeg would follow

@@ -1,8 +1,5 @@
 """All that commands print goes through `lfpipe.cli.terminal`."""
 
-import os
-import pty
-import subprocess
 import sys
 from pathlib import Path
 
@@ -49,25 +46,3 @@ def test_cli_escapes_names_of_files(tmp_path: Path) -> None:
         text = result.output + str(result.exception or "")
         assert "owned" in text or command == ["scene", "list"], command
         assert "\x1b" not in text, command
-
-
-def test_cli_escapes_an_extra_argument() -> None:
-    """click quotes it as it is."""
-    controller, terminal_fd = pty.openpty()
-    words = [sys.executable, "-m", "lfpipe", "cameras", "more\x1b]0;x\x07"]
-    done = subprocess.run(words, stderr=terminal_fd, stdin=subprocess.DEVNULL, check=False)
-    os.close(terminal_fd)
-    printed = os.read(controller, 4096)
-    os.close(controller)
-    assert done.returncode == 2 and b"more\\x1b]0;x\\x07" in printed and b"\x1b" not in printed
-
-
-def test_odd_half_of_a_surrogate_pair_is_escaped() -> None:
-    script = (
-        "import sys; sys.argv = ['lfpipe', 'x']; import lfpipe.cli as c; c.cli = lambda **_:"
-        " print('a\\ud800b'); c.run()"
-    )
-    done = subprocess.run(
-        [sys.executable, "-X", "utf8", "-c", script], capture_output=True, timeout=60
-    )
-    assert done.stdout == b"a\\ud800b\n"

@@ -2,11 +2,8 @@
 the command line and messages any content is accepted completely or refused by name.
 """
 
-import itertools
-import os
 import sys
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +18,8 @@ from lfpipe.config import Config, converter
 from lfpipe.config.check import flat
 from lfpipe.config.user_files import commented
 from lfpipe.errors import UserError
-from tests.support import hostile_files
 from tests.support.examples import examples
-from tests.support.hostile_files import NO_FILES, TOML_TEXTS, VALUES, deep, ended
+from tests.support.hostile_files import NO_FILES, TOML_TEXTS, VALUES, ended
 from tests.support.refusal import refusal
 
 
@@ -178,29 +174,6 @@ def test_a_change_is_taken_whole_or_refused(sets: dict[str, Any], live: bool) ->
     usable(after)
 
 
-@examples(100)
-@given(
-    tree=st.dictionaries(
-        st.sampled_from(SECTIONS) | NAMES, SHAPES | st.dictionaries(NAMES, SHAPES, max_size=4)
-    )
-)
-def test_a_tree_of_any_shape_is_taken_or_refused(tree: dict[str, Any]) -> None:
-    try:
-        usable(read(tree))
-    except UserError as error:
-        assert len(str(error)) <= 2000
-
-
-def test_every_key_refuses_every_wrong_value_by_name() -> None:
-    wrong = (*VALUES, deep(20_000), b"x", {1: 2}, ("a",), object())
-    for key, value in itertools.product(KEYS, wrong):
-        try:
-            usable(config.updated(Config(), {key: value}))
-        except UserError as error:
-            assert error.message.startswith(f"configuration: {key}: "), error
-            assert len(error.message) < 400 and error.remedy
-
-
 @pytest.mark.parametrize("text", TOML_TEXTS, ids=range(len(TOML_TEXTS)))
 def test_any_text_is_taken_or_refused_by_the_name_of_its_layer(text: str, tmp_path: Path) -> None:
     for key in (*KEYS, "render", "x", "a.b.c", "", "\udcff", "x" * 5000):
@@ -249,57 +222,6 @@ def test_what_is_no_file_is_refused_at_once(
         "/dev/stdin/x",
     ):
         assert "--config" in str(refusal(config.load, wrong))
-
-
-def test_thousands_of_unknown_keys_make_a_short_message(tmp_path: Path) -> None:
-    path = tmp_path / "mine.toml"
-    path.write_text("[render]\n" + "".join(f"alpha_px{n} = 1\n" for n in range(3626)))
-    said = str(refusal(config.load, path))
-    assert "and more" in said and len(said.replace(str(path), "mine.toml")) < 1000
-    everything = {key: "\x1b" * 100 for key in KEYS} | {
-        f"render.alpha_pix{n}": 1 for n in range(100)
-    }
-    assert len(str(refusal(config.updated, Config(), everything))) <= 2000
-
-
-# files that cost time or memory if they are read carelessly
-COSTLY: dict[str, Callable[[], bytes]] = {
-    "dotted keys": lambda: b"a." * 60_000 + b"a = 1",
-    "tables": lambda: b"[" + b"a." * 60_000 + b"a]",
-    "many tables": lambda: b"".join(b"[a%d]\n" % n for n in range(12_000)),
-    "lists": lambda: b"a = [" + b"[]," * 40_000 + b"]",
-    "inline tables": lambda: b"a = " + b"{b=" * 30_000,
-    "digits": lambda: b"a = " + b"9" * 120_000,
-    "comment": lambda: b"#" + b"x" * 100_000_000,
-    "zeros": lambda: b"\0" * 1_000_000,
-}
-
-
-CHECK_ALL = """
-import sys
-from lfpipe.cli import cli
-for path in sys.argv[1:]:
-    try:
-        cli.main(["config", "check", path], standalone_mode=False)
-    except Exception as error:
-        print(error)
-"""
-
-
-def test_refusals_are_quick_and_small(tmp_path: Path) -> None:
-    """All in one process: the largest memory is that of all refusals."""
-    paths = [tmp_path / f"{name}.toml" for name in COSTLY]
-    for path in paths:
-        path.write_bytes(COSTLY[path.stem]())
-    env = {**os.environ, "XDG_CONFIG_HOME": str(tmp_path / "none")}
-    command = [sys.executable, "-c", CHECK_ALL, *map(str, paths)]
-    code, out, err, peak_mb = ended(command, timeout_s=20, env=env)
-    assert code == 0, err
-    said = out.split("remedy: ")
-    assert len(said) == len(paths) + 1, out
-    for path, refused in zip(paths, said, strict=False):
-        assert path.name in refused and len(refused) < 2000
-    assert peak_mb <= hostile_files.PEAK_MB
 
 
 def test_what_is_written_is_never_half(tmp_path: Path) -> None:

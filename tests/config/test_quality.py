@@ -1,19 +1,15 @@
 """Levels of quality: which drawings are worth their time, and what a session lowers."""
 
 import json
-from itertools import pairwise
 from typing import Any
 
 import attrs
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from lfpipe.config import Config, DrawingCosts, Render, SessionOptions, converter
 from lfpipe.config.modes import NoViewer
 from lfpipe.config.quality import (
     METHODS,
-    SAVING,
     SIZES,
     drawing_levels,
     first_level,
@@ -80,27 +76,6 @@ def test_drawing_levels_are_the_hull_of_error_against_time() -> None:
     assert drawing_levels("warp2", ERRORS, {}) == ()
     alone = [(level.method, level.size) for level in drawing_levels("nearest", {}, COSTS)]
     assert alone == [("nearest", 1.0), ("nearest", 0.7), ("nearest", 0.5)]
-
-
-@given(
-    errors=st.dictionaries(
-        st.sampled_from(METHODS), st.tuples(*len(SIZES) * [st.floats(0, 100)]), min_size=1
-    ),
-    costs=st.fixed_dictionaries(dict.fromkeys(METHODS, st.floats(0.01, 100))),
-)
-def test_drawing_levels_save_at_each_step_and_waste_no_error(
-    errors: dict[str, tuple[float, ...]], costs: dict[str, float]
-) -> None:
-    method = next(iter(errors))
-    levels = drawing_levels(method, errors, costs)
-    assert (levels[0].method, levels[0].size) == (method, 1.0)
-    for before, after in pairwise(levels):
-        assert after.ns_per_px <= SAVING * before.ns_per_px
-        # nothing of the same or less time has a smaller error
-        for name, sized in errors.items():
-            for size, error in zip(SIZES, sized, strict=True):
-                if costs[name] * size**2 <= after.ns_per_px:
-                    assert error >= after.error - 1e-9
 
 
 @pytest.mark.parametrize(

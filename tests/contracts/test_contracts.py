@@ -1,6 +1,5 @@
 """The examples of the contracts against the code, and against the pages that describe them."""
 
-import json
 import re
 
 import numpy as np
@@ -75,15 +74,3 @@ def test_page_names_the_fields_of_each_answer() -> None:
             (answer, pair["answer"].keys() - OF_EVERY_ANSWER),
         ):
             assert all(f"`{field}`" in text for field in fields), (command, fields)
-
-
-def test_page_shows_the_fields_of_the_monitor() -> None:
-    text = section("Monitor")
-    for field in contract("wire_format.json")["monitor --json"]:
-        assert f'"{field}"' in text or f"`{field}`" in text, field
-
-
-def test_page_names_the_fields_of_a_report() -> None:
-    report = json.loads((FOLDER.parent / "replay" / "reference" / "report.json").read_text())
-    page = (DOCS / "replay.md").read_text() + PAGE
-    assert not [field for field in report if f"`{field}`" not in page]

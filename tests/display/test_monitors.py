@@ -2,12 +2,7 @@
 that scales; and reasons to distrust a delay of the loop that was measured on another.
 """
 
-import functools
-import os
-import re
 import shutil
-import subprocess
-from collections.abc import Iterator
 from contextlib import closing
 from typing import Any
 
@@ -17,21 +12,16 @@ import pygame
 import pytest
 
 from lfpipe import config
-from lfpipe.cli.prepare import device_latency_lines
-from lfpipe.config.modes import CameraViewer, Nothing, Window
-from lfpipe.errors import UserError
 from lfpipe.render.display.monitors import (
     Monitor,
     device_latency_conditions,
     device_latency_doubt,
-    find_monitor,
     monitors,
     pixel_mm,
 )
 from lfpipe.render.display.window import USUAL_MM, ScreenWindow
 from lfpipe.render.ui.overlay_view import OverlayView
 from tests.support.sway_screen import sway
-from tests.support.xvfb_screen import look_at, outline, x_server
 
 DESK = [
     Monitor(number=0, name="eDP-1", x=0, y=0, width=1920, height=1200, pixel_mm=0.18, rate_hz=60.0),
@@ -47,37 +37,6 @@ DESK = [
     ),
     Monitor(number=2, name='DP-2 27"', x=3840, y=0, width=2560, height=1440, pixel_mm=0.23),
 ]
-
-XORG = """
-Section "Device"
-  Identifier "card"
-  Driver "dummy"
-  VideoRam 64000
-EndSection
-Section "Screen"
-  Identifier "screen"
-  Device "card"
-  DefaultDepth 24
-  SubSection "Display"
-    Virtual 2048 1024
-    Modes "1024x768"
-  EndSubSection
-EndSection
-Section "ServerFlags"
-  Option "AutoAddDevices" "false"
-EndSection
-"""
-XWININFO = pytest.mark.skipif(
-    shutil.which("xwininfo") is None, reason="xwininfo is not installed (apt-get install x11-utils)"
-)
-GREY = np.full((240, 240, 3), 90, np.uint8)
-
-
-@pytest.mark.parametrize(
-    ("wanted", "number"), [("0", 0), ("2", 2), ("eDP-1", 0), ("edp", 0), ("27", 2), ("DP-1; 24", 1)]
-)
-def test_find_monitor_by_number_or_part_of_a_name(wanted: str, number: int) -> None:
-    assert find_monitor(wanted, DESK).number == number
 
 
 @pytest.mark.parametrize(
@@ -99,50 +58,6 @@ def test_pixel_mm_does_not_believe_sizes_that_cannot_be(
     assert pixel_mm(dpi, 1920) == (None if size_mm is None else pytest.approx(size_mm))
 
 
-@pytest.fixture(scope="module")
-def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """The name of an X server with a monitor of 1024x768 and one of 800x600 to its right."""
-    for tool in ("Xorg", "xrandr"):
-        if shutil.which(tool) is None:
-            pytest.skip(
-                f"{tool} is not installed (apt-get install xserver-xorg-video-dummy"
-                " x11-xserver-utils)"
-            )
-    folder = tmp_path_factory.mktemp("xorg")
-    (folder / "xorg.conf").write_text(XORG)
-    command = [
-        "Xorg",
-        "-config",
-        "xorg.conf",
-        "-logfile",
-        str(folder / "log"),
-        "-novtswitch",
-        "-sharevts",
-    ]
-    with x_server(command, folder) as name:
-        # which makes them known
-        more = (
-            "--addmode DUMMY1 800x600",
-            "--output DUMMY1 --mode 800x600 --pos 1024x0",
-            "--query",
-        )
-        run = functools.partial(
-            subprocess.run, env={**os.environ, "DISPLAY": name}, capture_output=True
-        )
-        if name == ":" or any(run(["xrandr", *words.split()]).returncode for words in more):
-            pytest.skip(
-                "Xorg with the driver dummy does not start here (apt-get install"
-                " xserver-xorg-video-dummy)"
-            )
-        yield name
-
-
-@pytest.fixture
-def x_with_two(two: str, monkeypatch: pytest.MonkeyPatch) -> str:
-    look_at(two, monkeypatch)
-    return two
-
-
 def screen_window(
     size_px: tuple[int, int], fullscreen: bool = False, monitor: str = ""
 ) -> ScreenWindow:
@@ -152,49 +67,6 @@ def screen_window(
 def press(window: ScreenWindow, key: str) -> None:
     pygame.event.post(pygame.event.Event(pygame.KEYDOWN, unicode=key, key=0))
     assert [event.name for event in window.events()] == ["fullscreen"]
-
-
-@XWININFO
-@pytest.mark.parametrize(
-    ("monitor", "whole", "windowed"),
-    [
-        ("", (0, 0, 1024, 768), (185, 57, 653, 653)),
-        ("1", (1024, 0, 800, 600), (1169, 45, 510, 510)),
-        ("dummy0", (0, 0, 1024, 768), (185, 57, 653, 653)),
-    ],
-)
-@pytest.mark.parametrize("fullscreen", [True, False])
-def test_screen_window_opens_on_the_chosen_monitor(
-    x_with_two: str,
-    monitor: str,
-    whole: tuple[int, ...],
-    windowed: tuple[int, ...],
-    fullscreen: bool,
-) -> None:
-    with closing(screen_window((240, 240), fullscreen, monitor)) as window:
-        window.show(GREY)
-        for now in (fullscreen, not fullscreen, fullscreen):
-            assert outline("lfpipe: a test", x_with_two) == (whole if now else windowed)
-            press(window, "f")
-        share = window.width_mm() / USUAL_MM  # type: ignore[operator]
-        assert share == pytest.approx(window._shown_px / window.monitor.width, rel=0.01), (
-            "this server tells no size: 24 inches"
-        )
-        if not fullscreen:
-            window._asked_monitor = ""  # as if the person had dragged it there
-            press(window, "f")
-            press(window, "f")
-            assert outline("lfpipe: a test", x_with_two) == whole
-
-
-def test_monitors_are_listed_by_name_and_place(x_with_two: str) -> None:
-    pygame.display.init()
-    try:
-        assert list(map(str, monitors())) == ["0 DUMMY0 1024x768+0+0", "1 DUMMY1 800x600+1024+0"]
-    finally:
-        pygame.display.quit()
-    with pytest.raises(UserError, match="no such monitor"):
-        screen_window((64, 64), monitor="3")
 
 
 @pytest.mark.skipif(
@@ -219,7 +91,6 @@ def test_screen_window_on_a_scaled_desktop_has_the_screens_pixels(
             assert window.knows_rows, "in full screen"
 
 
-DEMO = CameraViewer(source="demo")
 CAMERA = "HD Webcam; C920"
 
 
@@ -250,26 +121,6 @@ def test_device_latency_doubt_names_the_change(
 ) -> None:
     doubt = device_latency_doubt(measured(**changes), camera, desk)
     assert named in doubt if named else not doubt
-
-
-@pytest.mark.parametrize(
-    ("configured", "display", "words"),
-    [
-        (measured("demo"), Window(), r"^latency\t61.5 ms of camera and display$"),
-        (
-            measured("demo", **{"camera.rate_hz": 60}),
-            Window(),
-            "doubtful: measured with demo.*calibrate --latency",
-        ),
-        (measured("demo", **{"camera.rate_hz": 60}), Nothing(), "^$"),
-        (config.Config(), Window(), "^$"),
-    ],
-)
-def test_loop_lines_say_whether_the_delay_is_trusted(
-    monkeypatch: pytest.MonkeyPatch, configured: config.Config, display: Any, words: str
-) -> None:
-    monkeypatch.setattr("lfpipe.cli.prepare.detect_monitors", lambda: ("x11", DESK))
-    assert re.search(words, "\n".join(device_latency_lines(configured, DEMO, display)))
 
 
 def test_a_window_whose_monitors_are_all_gone_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -61,28 +61,6 @@ def test_mouse_look_from_edge_to_edge_without_a_jump() -> None:
         assert views is not None and least <= views.left[0] <= most
 
 
-def test_mouse_look_recentres_by_dragging_and_by_key_alone() -> None:
-    session = Session()
-    session.cols(Pointer(0.5, 0.5))
-    aside = session.cols(Pointer(0.7, 0.5), 600)
-    assert aside[-1] == pytest.approx(aside[120], abs=0.05), "a rest is no new neutral position"
-    dragged = [session.cols(Pointer(0.7 - k / 50, 0.5, left=True), 2)[-1] for k in range(10)]
-    assert dragged == pytest.approx([aside[-1]] * 10, abs=0.1)
-    session.cols(Pointer(0.9, 0.5), 5)
-    assert session.mouse.recentre()
-    assert session.cols(Pointer(0.9, 0.5))[-1] == pytest.approx(4, abs=0.05)
-
-
-def test_mouse_look_wheel_is_the_distance() -> None:
-    session = Session()
-    session.cols(Pointer(0.5, 0.5), 200)
-    assert session.viewer.parallax is not None
-    before_mm = session.viewer.parallax.distance_mm
-    session.cols(Pointer(0.5, 0.5, wheel=5), 1)
-    session.cols(Pointer(0.5, 0.5), 600)
-    assert session.viewer.parallax.distance_mm < 0.75 * before_mm
-
-
 def test_mouse_look_right_button_takes_over_without_a_jump() -> None:
     session = Session(alone=False)
     camera = eyes_record(eye_distance=60.0, eye_distance_px=60.0, generation=1)

@@ -164,11 +164,6 @@ def _alpha(world: World) -> float:
     return float(world.monitor()["config"]["render"]["alpha_px"])
 
 
-def test_lfpipe_without_a_screen_is_the_help(world: World) -> None:
-    done = world.run()
-    assert done.returncode == 2 and "Usage: lfpipe" in done.stderr
-
-
 def test_presented_by_names_the_source_of_vblanks(
     world: World, scene: Path, screen: Screen
 ) -> None:

@@ -1,27 +1,20 @@
 """A real window on a real X server."""
 
 import os
-import shutil
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
-from pathlib import Path
 
 import numpy as np
 import pygame
 import pytest
 
-from lfpipe.render.display.display import Display, Item, Menu, Notice, Overlay
+from lfpipe.render.display.display import Display
 from lfpipe.render.display.open_display import HINT, open_display, parse_display
-from lfpipe.render.display.window import ScreenWindow
-from lfpipe.render.ui.keys import ACTION_OF, HELP, KEYS
+from lfpipe.render.ui.keys import ACTION_OF
 from lfpipe.render.ui.overlay_view import OverlayView
-from tests.support.processes import end
 from tests.support.world import until
-from tests.support.xdnd import drop
-from tests.support.xvfb_screen import Screen, look_at, needs_xdotool, outline, x_server
+from tests.support.xvfb_screen import Screen, needs_xdotool, outline
 
 WAIT_S = 60.0
 GREY = np.full((500, 853, 3), 90, np.uint8)  # of the width of a first window
@@ -66,41 +59,6 @@ def test_screen_window_shows_each_picture_to_the_bit(
         assert becomes(lambda picture=picture: np.array_equal(screen.shown(), picture), display)
 
 
-def test_screen_window_scales_a_small_picture_up(
-    window: Callable[..., Display], screen: Screen
-) -> None:
-    picture = np.zeros((30, 40, 3), np.uint8)
-    picture[:, :20, 2], picture[:15, 20:, 1], picture[15:, 20:, 0] = 200, 150, 100
-    display = window((40, 30))
-    display.show(picture)
-    assert becomes(lambda: screen.shown().shape == (640, 853, 3), display)
-    corners = [screen.shown()[place].tolist() for place in ((240, 100), (100, 700), (600, 700))]
-    assert corners == [[0, 0, 200], [0, 150, 0], [100, 0, 0]]
-
-
-def test_screen_window_overlay_has_lines_above_and_notices_below(
-    window: Callable[..., Display], screen: Screen
-) -> None:
-    display = window((853, 500))
-    display.show(GREY)
-    odd = "sc\udce8ne\0"  # names of files that no font has letters for
-    for overlay, rest in (
-        (Overlay(lines=("30.0 Hz", "age of the picture 21 ms")), slice(200, None)),
-        (Overlay(notices=(Notice("Mode: grey"), Notice("Paused"))), slice(370)),
-        (Overlay(lines=(odd,), notices=(Notice(odd),), progress=0.5), slice(200, 300)),
-        (Overlay(menu=Menu("", (Item(odd),))), slice(0, 20)),
-    ):
-        display.overlay(overlay)
-        assert becomes(lambda: bool((screen.shown() == 255).any()), display)  # white letters
-        display.show(GREY)
-        assert becomes(lambda rest=rest: bool((screen.shown()[rest] == 90).all()), display)
-        display.overlay(Overlay())
-        assert becomes(lambda: np.array_equal(screen.shown(), GREY), display)
-    for name in (odd, "bunny"):
-        display.title(name)
-    assert becomes(lambda: outline("lfpipe: bunny", screen.name) is not None, display)
-
-
 LEFT, RIGHT = (10, 20, 200), (220, 120, 30)
 
 
@@ -121,18 +79,6 @@ def interleaved(screen: Screen) -> bool:
     return len(rows) > 200 and bool((shown[rows][:, cols] == colours[:, None]).all())
 
 
-def test_screen_window_interleaves_rows_of_the_screen(
-    window: Callable[..., Display], screen: Screen
-) -> None:
-    display = window((70, 50))
-    show_rows(display)
-    assert becomes(lambda: interleaved(screen), display)
-    left, right = (np.full((50, 70, 3), colour, np.uint8) for colour in (LEFT, RIGHT))
-    display.show(left, (left, right), "side-by-side")
-    assert becomes(lambda: bool((screen.shown()[:, 5] == LEFT).all()), display)
-    assert (screen.shown()[:, -5] == RIGHT).all()
-
-
 @needs_xdotool
 def test_screen_window_moved_interleaves_rows_of_the_screen(
     window: Callable[..., Display], screen: Screen
@@ -150,42 +96,6 @@ def test_screen_window_moved_interleaves_rows_of_the_screen(
             lambda top=top: (outline(title, screen.name) or (0, None))[1] == top, display
         )
         assert becomes(lambda: interleaved(screen), display), place
-
-
-@pytest.mark.skipif(shutil.which("Xvfb") is None, reason="apt-get install xvfb")
-def test_screen_window_on_ten_bits_per_colour(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    command = ["Xvfb", "-screen", "0", "640x480x30", "-fbdir", str(tmp_path)]
-    with x_server(command, tmp_path) as name:
-        look_at(name, monkeypatch)
-        deep = Screen(name, tmp_path / "Xvfb_screen0")
-        with closing(
-            ScreenWindow((640, 480), "lfpipe: a test", OverlayView(), fullscreen=True)
-        ) as display:
-            picture = np.full((480, 640, 3), (200, 100, 50), np.uint8)
-            display.show(picture)
-            levels = [round(level * 1023 / 255) for level in (50, 100, 200)]
-            assert becomes(lambda: np.ptp(deep.pixels() & 0x3FFFFFFF) == 0, display)
-            pixel = int(deep.pixels().flat[0]) & 0x3FFFFFFF
-            assert [pixel >> 20, pixel >> 10 & 1023, pixel & 1023] == pytest.approx(levels, abs=2)
-
-
-def test_screen_window_names_what_is_dropped(
-    window: Callable[..., Display], screen: Screen
-) -> None:
-    display = window((640, 480))
-    display.show(noise(640, 480))
-    with ThreadPoolExecutor(1) as pool:
-        for name, event in (
-            (b"/tmp/sc\xe8ne", "load"),
-            ("/tmp/a schöne b".encode(), "load /tmp/a schöne b"),
-        ):
-            dropped = pool.submit(
-                drop, Path(os.fsdecode(name)), f"lfpipe: a test ({HINT})", screen.name
-            )
-            assert pressed(display) == [event]
-            dropped.result()
 
 
 def press(*keys: str) -> None:
@@ -234,20 +144,6 @@ def test_screen_window_keys(window: Callable[..., Display]) -> None:
     assert pressed(display, len(keys)) == list(keys.values())
 
 
-def test_screen_window_help_lists_every_key(window: Callable[..., Display], screen: Screen) -> None:
-    display = window((853, 500))
-    display.show(GREY)
-
-    def lines() -> int:
-        """Of both columns."""
-        white = (screen.shown() == 255).all(axis=2)
-        halves = np.array_split(white, 2, axis=1)
-        return sum(int((np.diff(half.any(axis=1).astype(int)) == 1).sum()) for half in halves)
-
-    display.overlay(Overlay(lines=HELP))
-    assert becomes(lambda: lines() >= len(KEYS), display)
-
-
 @needs_xdotool
 def test_screen_window_full_screen_keeps_the_aspect(
     window: Callable[..., Display], screen: Screen
@@ -263,46 +159,6 @@ def test_screen_window_full_screen_keeps_the_aspect(
         )
     assert (screen.shown() == colour).all()
     assert not screen.picture()[:, :240].any() and not screen.picture()[:, 1040:].any()
-
-
-@pytest.mark.skipif(
-    shutil.which("openbox") is None or shutil.which("Xvfb") is None,
-    reason="apt-get install openbox xvfb",
-)
-def test_screen_window_framed_stays_where_it_was_over_full_screen(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with x_server(["Xvfb", "-screen", "0", "1280x800x24"], tmp_path) as name:
-        look_at(name, monkeypatch)
-        manager = subprocess.Popen(["openbox"], stderr=subprocess.DEVNULL)
-        display = None
-        try:
-            # its last property: a window that opens while it starts is never mapped
-            root = ["xprop", "-root", "_NET_CLIENT_LIST"]
-            until(lambda: b"window id" in subprocess.check_output(root), "openbox", WAIT_S)
-            display = ScreenWindow((853, 500), "lfpipe: a test", OverlayView())
-            display.show(GREY)
-            size = (1280, 800)
-            places = []
-            for whole in (False, True) * 3:
-                assert becomes(
-                    lambda: (
-                        (outline("lfpipe: a test", name) or (0, 0, 0, 0))[:2]
-                        == display._window.position
-                    ),
-                    display,
-                )
-                place = outline("lfpipe: a test", name)
-                assert place is not None and (place[2:] == size) == whole
-                places.append(place)
-                display._toggle()
-                display.show(GREY)
-            # the manager may still have been starting when the first window opened
-            assert len(set(places[2:])) == 2, places
-        finally:
-            if display is not None:
-                display.close()
-            end(manager)
 
 
 def _mouse(kind: int, at: tuple[int, int], button: int = 1) -> None:

@@ -3,7 +3,6 @@
 import os
 import re
 import shlex
-import shutil
 import subprocess
 from pathlib import Path
 
@@ -71,11 +70,3 @@ def test_demo_command_works_on_a_new_system(clone: Path, system: str) -> None:
     if system == "stock":
         done = on(path, "bash", "-c", f"{TESTS} -q -n 0 tests/test_errors.py", cwd=clone)
         assert done.returncode == 0 and "[100%]" in done.stdout, done.stdout + done.stderr
-
-
-def test_demo_command_works_where_uv_is_installed(clone: Path) -> None:
-    uv = shutil.which("uv")
-    if uv is None:
-        pytest.skip("no uv")
-    command = DEMO.partition(" && ")[2].replace(".uv/bin/uv", "uv")
-    run_demo(f"{Path(uv).parent}:{STOCK}", command, clone)

@@ -7,13 +7,11 @@ mount, tests of small disks are skipped.
 import json
 import resource
 import shutil
-import signal
 import subprocess
 import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-import cv2
 import pytest
 
 from lfpipe.sequence.folder import open_sequence
@@ -104,15 +102,6 @@ def test_up_raises_the_limit_of_open_files_or_reports_it(
         assert done.returncode == 0, done.stderr
 
 
-@mounts
-def test_up_with_a_full_run_directory(world: World, scene: Path, place: Path) -> None:
-    world.env["LFPIPE_RUN_DIR"] = str(place)
-    command = ("up", scene, *PLAIN, "--session", world.name)
-    done = in_mounts(world, command, (place, "nr_inodes=6"), after=f"ls -A {place}")
-    assert_said(done, world, str(place), "No space left")
-    assert done.stdout.split("===\n")[1] == "", "the run directory is gone again"
-
-
 def test_outputs_in_directories_without_permission(
     world: World, scene: Path, as_nobody: list[str]
 ) -> None:
@@ -179,14 +168,3 @@ def test_record_on_a_full_disk_ends_with_a_whole_frame(world: World, place: Path
     assert f"frames stored: {len(sequence.packets)}\n" in done.stderr, done.stderr
     sequence.frame(len(sequence.packets) - 1)
     assert not list(kept.glob("*.new")) and not world.left()
-
-
-def test_file_display_restarted_keeps_the_video_before(world: World, scene: Path) -> None:
-    video = world.root / "v.mkv"
-    process = world.shows(scene, display=f"file:{video}", pictures=20)
-    world.wait_for(lambda: video.exists() and video.stat().st_size > 1000, "video on disk")
-    world.kill("render")
-    world.more_pictures(20)
-    world.ended(process, signal.SIGINT)
-    for path in (video, world.root / "v.2.mkv"):
-        assert cv2.VideoCapture(str(path)).read()[0], f"{path.name} can be played"

@@ -6,7 +6,6 @@ import os
 import pty
 import resource
 import shlex
-import shutil
 import signal
 import subprocess
 import sys
@@ -98,14 +97,6 @@ def test_sweep_spares_sessions_that_begin_at_once(world: World) -> None:
     outputs = [process.communicate(timeout=100) for process in processes]
     assert [process.returncode for process in processes] == [0] * 6, outputs
     assert not world.segments() and not list(other.iterdir())
-
-
-def test_session_ends_with_a_message_if_its_directory_is_removed(world: World, scene: Path) -> None:
-    process = world.shows(scene, *SMALL)
-    pids = [stage["pid"] for stage in world.monitor()["stages"].values()]
-    removed = next(world.run_dir.iterdir())
-    shutil.rmtree(world.run_dir)
-    assert f"{removed} was removed" in world.ended(process, code=1) and _gone(pids)
 
 
 def test_a_second_interrupt_ends_a_stage_that_does_not_stop(world: World, scene: Path) -> None:

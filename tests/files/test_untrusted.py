@@ -72,15 +72,6 @@ def in_bounds(value: Any) -> bool:
     return not isinstance(value, int) or -MAX_INTEGER - 1 <= value <= MAX_INTEGER
 
 
-@given(st.binary(max_size=200))
-def test_any_bytes(data: bytes) -> None:
-    for parse in (toml_table, json_fields):
-        try:
-            parse(data, "file", "remedy")
-        except UserError as error:
-            assert error.message.startswith("file: ")
-
-
 # a reader, and the values it gives
 READERS: list[tuple[Callable[[Fields], object], Callable[[Any], bool]]] = [
     (

@@ -4,12 +4,9 @@ misbehave.
 """
 
 import ctypes
-import os
-import platform
 import re
 import sys
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -20,24 +17,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.host import file_lock, machine, worker
-from lfpipe.host.processes import SLICE_NS, ask_for_short_slices, yield_to_others
 from lfpipe.host.worker import Worker
 from lfpipe.transport import ring
 from tests.support.processes import printed
 from tests.support.refusal import refusal
-
-
-@pytest.mark.native("the scheduler's slices")
-def test_short_slices_are_asked_for_and_a_policy_stays() -> None:
-    with ThreadPoolExecutor(1) as thread:
-        granted = thread.submit(ask_for_short_slices).result()
-        kernel = tuple(map(int, re.findall(r"\d+", platform.release())[:2]))
-        assert not granted or kernel >= (6, 12)
-        stated = thread.submit(Path("/proc/thread-self/sched").read_text).result()
-        assert not granted or re.search(rf"se\.slice +: +{SLICE_NS}\n", stated)
-        thread.submit(yield_to_others).result()
-        assert not thread.submit(ask_for_short_slices).result()
-        assert thread.submit(os.sched_getscheduler, 0).result() == os.SCHED_BATCH
 
 
 def test_a_lock_ends_with_its_process_and_follows_no_link(tmp_path: Path) -> None:

@@ -94,18 +94,6 @@ def test_a_path_that_cannot_be_examined_is_refused(
     assert done.stdout.split("\n")[:-1] == ["refused"] * len(commands), done.stdout + done.stderr
 
 
-def test_a_recent_scene_that_cannot_be_examined_stops_nothing(
-    world: World, scene: Path, locked: Path, as_nobody: list[str]
-) -> None:
-    state = Path(world.env["XDG_STATE_HOME"]) / "lfpipe"
-    state.mkdir(parents=True)
-    (state / "recent_scenes.json").write_text(json.dumps([str(locked / "in"), f"/tmp/{LONG}"]))
-    done = run(
-        world, *as_nobody, *LFPIPE, "up", "--session", world.name, "--camera", "demo", scene, *UP
-    )
-    assert done.returncode == 0, done.stderr
-
-
 def test_a_removed_working_directory_and_a_full_disk_are_named(world: World, scene: Path) -> None:
     for command in (("up", scene, *UP), ("ctl", "load", scene)):
         done = run(world, *LFPIPE, *command, before="mkdir gone && cd gone && rmdir ../gone &&")

@@ -8,11 +8,9 @@ import pytest
 from click.testing import CliRunner
 
 from lfpipe.capture.live_source import check_live
-from lfpipe.capture.open_source import camera_name
 from lfpipe.cli import cli
 from lfpipe.config import Config
 from lfpipe.config.user_files import camera_file, with_measured_focal, write_keys
-from lfpipe.errors import UserError
 from tests.live import made
 from tests.render import rendered
 from tests.support.films import write_film
@@ -54,25 +52,3 @@ def test_placement_is_stored_for_the_cameras_and_used(tmp_path: Path, settings: 
     assert placed.height_px == pytest.approx(live.placement.height_px / 2)
     write_keys(settings, "Cam", {"focal_px": 500.0, "width_px": 640})
     assert with_measured_focal(Config(), "Cam").camera.focal_px == 500
-
-
-def test_placement_needs_two_cameras_that_see_something(tmp_path: Path, settings: Path) -> None:
-    grey = np.full((96, 256, 3), 90, np.uint8)
-    plain = write_film(tmp_path / "plain.avi", [grey] * 3)
-    with pytest.raises(UserError, match="too little"):
-        calibrated(f"live:file:{plain}")
-    with pytest.raises(UserError, match="not two cameras"):
-        calibrated(f"live:file:{plain}?grid=2x4")
-    assert not settings.exists()
-
-
-def test_damaged_placement_is_named(tmp_path: Path, settings: Path) -> None:
-    path = write_film(tmp_path / "pair.avi", [np.full((96, 256, 3), 90, np.uint8)] * 3)
-    write_keys(settings, f"live:file:{path}", {"rotation_deg": "left"})
-    with pytest.raises(UserError) as refused:
-        check_live(f"live:file:{path}", Config())
-    assert str(settings) in refused.value.message and "calibrate" in refused.value.remedy
-
-
-def test_cameras_in_a_row_have_one_name_for_their_placement() -> None:
-    assert camera_name("row:demo,file:/a") == "demo,file:/a"

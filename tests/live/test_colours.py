@@ -35,17 +35,6 @@ def test_any_response_is_matched_within_noise(
     assert (np.diff(colours.curves[1].astype(int), axis=0) >= 0).all(), "no value is reversed"
 
 
-def test_colours_follow_a_step_at_once_and_a_drift_within_frames() -> None:
-    colours = Colours(2)
-    dark = (0.6 * SCENE).astype(np.uint8)
-    colours.add(1, SCENE.astype(np.uint8), dark)
-    assert abs(np.mean(matched(dark[None], colours.curves[1]) - SCENE)) < 2
-    for k in range(60):
-        right = ((0.6 + 0.4 * k / 60) * SCENE).astype(np.uint8)
-        colours.add(1, SCENE.astype(np.uint8), right)
-    assert abs(np.mean(matched(right[None], colours.curves[1]) - SCENE)) < 3
-
-
 @pytest.mark.parametrize("gains", [(1, 1, 1), (0.75, 0.75, 0.75), (0.7, 1.0, 0.9)])
 def test_a_view_of_a_darker_camera_is_as_bright_as_the_others(gains: tuple[float, ...]) -> None:
     field = rendered.field(1, 2, 96, 128, scale=2.0)

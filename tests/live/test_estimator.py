@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from lfpipe.live.alignment import Alignment, aligned
+from lfpipe.live.alignment import aligned
 from lfpipe.live.estimator import Estimator
 from lfpipe.live.records import MAX_VIEWS, cut, map_size, pairs_in_need, views_of
 from lfpipe.render.synthesis.viewpoint import view_weights
@@ -42,10 +42,6 @@ def test_pairs_in_need_hold_every_view_that_a_warp_uses(
         assert {(view.row, view.col) for view in used} <= set(views)
 
 
-def test_pairs_of_a_column_lie_below_one_another() -> None:
-    assert pairs_in_need(made.source(3, 1), [(1.2, 0.0)]) == [((1, 0), (2, 0))]
-
-
 @pytest.mark.parametrize("shape", [(1, 2), (2, 1), (3, 3)])
 def test_estimate_is_the_disparity_of_the_views(shape: tuple[int, int]) -> None:
     field = rendered.field(*shape, 96, 128, scale=2.0)
@@ -73,21 +69,6 @@ def test_views_of_any_size_are_estimated(size_px: tuple[int, int]) -> None:
         estimator = Estimator(live, aligns=True)
         for coarse in (False, True):
             assert np.isfinite(estimator.estimate(frame, PAIR, coarse)["scale_px"])
-
-
-def test_estimate_of_a_still_scene_flickers_less_than_the_camera() -> None:
-    field = rendered.field(1, 2, 96, 128, scale=2.0)
-    live = made.source()
-    frame = made.frame_of(field)
-    rng = np.random.default_rng(1)
-    estimator = Estimator(live, aligns=False)
-    maps = []
-    for _ in range(24):
-        noisy = np.clip(frame + rng.normal(0, 2, frame.shape), 0, 255).astype(np.uint8)
-        found = estimator.estimate(noisy, PAIR)
-        maps.append(made.maps_of(found)[0, 0])
-    still = np.median(np.std(maps[8:], axis=0))
-    assert still < 0.12, "px: below what two noisy pictures determine"
 
 
 def test_estimate_follows_an_object_at_once() -> None:
@@ -131,19 +112,6 @@ def test_alignment_finds_how_the_right_camera_is_turned(
     inside = np.s_[40:-40, 40:-40]
     error = np.abs(straight[inside].astype(int) - made.frame_of(field)[:, 320:][inside])
     assert np.median(error) < 12
-
-
-def test_alignment_of_cameras_in_a_row_changes_nothing() -> None:
-    field = rendered.field(1, 2, 240, 320, scale=2.0)
-    estimator = Estimator(made.source(height_px=240, width_px=320), aligns=True)
-    for _ in range(20):
-        estimator.estimate(made.frame_of(field), PAIR)
-    assert estimator.alignment is not None
-    ramp = np.tile(np.arange(80, 240, dtype=np.uint8), (240, 2))[:, :320]
-    assert np.abs(estimator.alignment.bend).max() * 160 < 0.75, "px"
-    empty = Alignment(64)
-    empty.add(np.zeros((24, 32), np.uint8), np.zeros((24, 32), np.float32))
-    assert aligned(ramp, empty.bend) is ramp
 
 
 def test_cameras_in_the_other_order_are_swapped() -> None:

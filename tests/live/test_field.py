@@ -3,17 +3,15 @@
 from unittest.mock import Mock
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
-from lfpipe.config import Config, LiveSource, Render
+from lfpipe.config import LiveSource, Render
 from lfpipe.live.estimator import Estimator
 from lfpipe.live.field import LiveViews, summary_of
 from lfpipe.live.records import pairs_in_need
 from lfpipe.render.live_input import LiveInput
 from lfpipe.render.synthesis.compositor import Compositor
 from lfpipe.render.synthesis.scoring import psnr_db
-from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.scene.lightfield import UNKNOWN, LightField
 from lfpipe.transport.clock import MS_NS, SECOND_NS
 from lfpipe.transport.ring import Stamp
@@ -44,23 +42,6 @@ def test_show_draws_views_between_those_of_the_frame() -> None:
     )
     inside = np.s_[:, 8:-8]
     assert psnr_db(float(np.mean((picture - wanted)[inside] ** 2))) > 30
-
-
-def test_depth_never_pumps_when_the_range_changes_at_once() -> None:
-    _, far, live = scene(1.0)
-    _, near, _ = scene(3.0)
-    views = LiveViews(live, "demo")
-    records = record_of(far, live), record_of(near, live)
-    viewer = Viewer(views.field, Config(render=Render(method="warp2")))
-    places = []
-    for k in range(90):
-        frame, record = (far, records[0]) if k < 30 else (near, records[1])
-        t_ns = SECOND_NS + k * FRAME_NS
-        viewer.replace(views.show(frame, [(0, 0), (0, 1)], record, t_ns))
-        look = viewer.viewpoints(rendered.record(), t_ns, t_ns)
-        places.append((look.left[1], look.right[1]))
-    steps = np.abs(np.diff(np.array(places[5:]), axis=0))
-    assert steps.max() <= 0.3
 
 
 def test_show_with_last_is_unknown_where_the_picture_has_changed() -> None:
@@ -133,10 +114,3 @@ def test_live_input_shows_late_frames_with_the_last_disparity() -> None:
     for k in range(7, 200):  # nothing grows while disparity is gone
         subject.step(k, None, 10 * MS_NS)
     assert subject.step(200, 200) is not None and subject.input.own_disparity
-
-
-@pytest.mark.parametrize("rows", [1, 2])
-def test_live_source_cuts_frames_into_views(rows: int) -> None:
-    live = LiveSource(source="x", rows=1, cols=2, tiles_across=3 - rows, frame_px=(64, 48))
-    assert live.tile((0, 1)) == ((0, 1) if rows == 1 else (1, 0))
-    assert (live.width_px, live.height_px) == ((32, 48) if rows == 1 else (64, 24))

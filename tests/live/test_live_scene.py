@@ -3,13 +3,12 @@
 import os
 from pathlib import Path
 
-import attrs
 import numpy as np
 import pytest
 
 import lfpipe
 from lfpipe.capture.frame_source import Frame, SourceInfo
-from lfpipe.capture.live_source import RingSource, RowSource, check_live, same_device
+from lfpipe.capture.live_source import RingSource, RowSource, check_live
 from lfpipe.capture.spec import is_live
 from lfpipe.config import Config
 from lfpipe.errors import UserError
@@ -157,12 +156,6 @@ def test_check_live_reads_the_layout_or_names_it(
         assert (live.rows, live.cols, live.width_px, live.height_px) == wanted
 
 
-def test_one_camera_cannot_be_both() -> None:
-    assert same_device("camera:2", "camera:/dev/video2")
-    assert not same_device("camera:2", "camera:3") and not same_device("demo", "demo")
-    assert same_device("row:camera:2,camera:4", "camera:/dev/video4")
-
-
 class Camera:
     """A camera whose frames a test gives."""
 
@@ -208,20 +201,6 @@ def test_of_cameras_with_any_phases_the_nearest_frames_are_shown_at_the_full_rat
     nearest_ms = 33 - max(gaps)
     assert {round(frame.offset_ns / ms) for frame in frames} == {nearest_ms}
     assert len(frames) >= 99 - max(phases_ms) // 33, "no frame waits for a better one"
-
-
-@pytest.mark.parametrize("size_px", [(128, 72), (32, 24), (33, 31)])
-def test_cameras_in_a_row_of_another_size_are_scaled_with_a_note(size_px: tuple[int, int]) -> None:
-    sources = [Camera([10], 100), Camera([10], 100)]
-    for source in sources:
-        source.info = attrs.evolve(source.info, size_px=size_px)
-    row = RowSource(sources, (64, 48))
-    width, height = row.info.size_px
-    assert width // 2 <= 64 and height <= 48 and 64 in (width // 2, height * 64 // 48)
-    out = np.zeros((height, width, 3), np.uint8)
-    assert row.read(out) is not None and (out == 100).all()
-    (note,) = row.info.notes
-    assert note.startswith(f"frames of {size_px[0]}x{size_px[1]} are scaled to")
 
 
 def test_check_live_reads_cameras_in_a_row(tmp_path: Path) -> None:

@@ -1,7 +1,6 @@
 """Calibration: the measurement, and the saved settings."""
 
 import json
-import math
 import tomllib
 from pathlib import Path
 
@@ -9,18 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.config.user_files import check_focal, write_keys
+from lfpipe.config.user_files import write_keys
 from lfpipe.errors import UserError
-from lfpipe.render.display.display import Event
 from lfpipe.render.ui.calibration import (
     MEASURED_FRAMES,
-    NEAREST_CM,
-    SLIDER_CM,
     SPREAD,
-    Distance,
     StillEyes,
 )
-from tests.support.refusal import refusal
 from tests.support.world import World
 
 
@@ -89,15 +83,6 @@ def test_calibrate_without_a_screen_is_refused(world: World) -> None:
     assert not (world.root / "settings" / "lfpipe").exists()
 
 
-@pytest.mark.parametrize(("deg", "is_usual"), [(29, False), (31, True), (129, True), (131, False)])
-def test_unusual_fields_of_view_are_refused(deg: float, is_usual: bool) -> None:
-    focal_px = 320 / math.tan(math.radians(deg) / 2)
-    if is_usual:
-        assert check_focal(focal_px, 640) == pytest.approx(deg)
-    else:
-        assert "not stored" in str(refusal(check_focal, focal_px, 640))
-
-
 def test_focal_length_is_that_of_each_camera(world: World, scene: Path, clip: Path) -> None:
     settings = world.root / "settings" / "lfpipe"
     settings.mkdir(parents=True)
@@ -112,16 +97,3 @@ def test_focal_length_is_that_of_each_camera(world: World, scene: Path, clip: Pa
         "up", scene, "--camera", f"file:{clip}", "--display", "none", "--duration", "1"
     )
     assert "cameras.toml" in damaged and "width_px" in damaged
-
-
-def test_distance_is_stepped_and_slid() -> None:
-    distance = Distance(60)
-    distance.take(Event("alpha+"))
-    assert distance.cm == 61
-    for value, cm in zip((0.0, 1.0), SLIDER_CM, strict=True):
-        distance.take(Event("distance", value=value))
-        assert distance.cm == cm
-    for _ in range(1000):
-        distance.take(Event("less"))
-    assert distance.cm == NEAREST_CM
-    assert not distance.take(Event("enter")), "what is not its own is for others"

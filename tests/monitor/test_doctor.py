@@ -12,37 +12,11 @@ from pathlib import Path
 import pytest
 
 from lfpipe import config
-from lfpipe.capture.camera_list import CameraDevice
 from lfpipe.errors import UserError
-from lfpipe.host import PORTABLE
 from lfpipe.monitor import doctor
-from lfpipe.track import models
 from tests.support.processes import largest_file
 from tests.support.refusal import refusal
 from tests.support.world import World
-
-
-def test_doctor_names_missing_networks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(models, "package_folder", lambda: None)
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-    fetchable = doctor.face_networks()
-    assert "face_landmark.tflite" in fetchable.detail and "lfpipe models get" in fetchable.remedy
-    monkeypatch.setattr(models, "installer", lambda folder: [])
-    lost = doctor.face_networks()
-    assert not lost.ok and "neither uv nor pip" in lost.detail and "--from WHEEL" in lost.remedy
-
-
-def test_doctor_names_the_driver_of_sdl(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
-        monkeypatch.delenv(name, raising=False)
-    check = doctor.sdl()
-    assert check.ok and "no screen" in check.detail and "file:" in check.remedy
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    assert doctor.sdl().ok and "driver dummy" in doctor.sdl().detail
-    monkeypatch.setattr(doctor, "has_display", lambda: True)
-    monkeypatch.setenv("SDL_VIDEODRIVER", "no-such-driver")
-    check = doctor.sdl()
-    assert not check.ok and "no-such-driver" in check.detail and check.remedy
 
 
 def test_doctor_checks_shared_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -81,18 +55,6 @@ def test_doctor_names_the_limit_that_up_would_hit(world: World, what: str) -> No
     assert [check for check, _ in failed] == [name], failed
     assert all(part in failed[0][1] for part in parts), failed
     assert not world.left()
-
-
-def test_doctor_checks_the_first_camera_or_the_source() -> None:
-    device = CameraDevice(Path("/dev/video97"), "Front")
-    assert [check.ok for check in doctor.camera_checks("", [device, device])] == [PORTABLE, True], (
-        "OpenCV asks no camera"
-    )
-    assert [
-        check.ok for check in (*doctor.camera_checks("", []), *doctor.camera_checks("camera:0", []))
-    ] == [True, False]
-    assert all(check.ok for check in doctor.camera_checks("demo", [device]))
-    assert PORTABLE or "Front: No such file" in doctor.camera(device).detail
 
 
 def test_doctor_fails_where_up_would_stop_and_fits_80_columns(world: World) -> None:

@@ -3,7 +3,6 @@
 import contextlib
 import fcntl
 import io
-import itertools
 import json
 import os
 import pty
@@ -17,12 +16,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from rich.console import Console, Group, RenderableType
 
 from lfpipe.config import converter
-from lfpipe.monitor.monitor import SPARKS, metric_lines, sparkline, state_view
+from lfpipe.monitor.monitor import metric_lines, state_view
 from lfpipe.monitor.session_reader import Watch
 from lfpipe.supervisor.metrics import SessionMetrics, session_metrics
 from lfpipe.supervisor.process_table import CORE, METRICS, SOURCE
@@ -117,15 +114,6 @@ def test_monitor_lists_the_metrics_that_stages_declare() -> None:
     assert "track face yes" in printed
     assert "juddered 3, onset_ms 61.2, steady_ms -" in " ".join(" ".join(printed).split())
     assert max(map(len, printed)) <= 80
-
-
-@given(st.lists(st.floats(0.0, 1e4), max_size=60))
-def test_sparkline_orders_its_values(values: list[float]) -> None:
-    heights = [SPARKS.index(block) for block in sparkline(values)]
-    assert all(
-        a <= b for (_, a), (_, b) in itertools.pairwise(sorted(zip(values, heights, strict=True)))
-    )
-    assert not any(values) or max(heights) == len(SPARKS) - 1
 
 
 def test_monitor_screen_keys_and_a_session_that_starts_again(world: World, scene: Path) -> None:

@@ -3,9 +3,7 @@
 import itertools
 import json
 import os
-import random
 import stat
-import tempfile
 from collections import defaultdict
 from pathlib import Path
 from typing import Any
@@ -16,8 +14,6 @@ from hypothesis import strategies as st
 
 from lfpipe.errors import UserError
 from lfpipe.monitor.timeline import TRACKS, convert, events
-from tests.support import hostile_files as hostile
-from tests.support.examples import examples
 from tests.support.refusal import refusal
 
 
@@ -83,20 +79,6 @@ LINES = [line(k, 10**9 + k * 33_000_000, (1000, 3000, 500, 4000, 100)) for k in 
 def written(path: Path) -> Path:
     path.write_text("".join(json.dumps(each) + "\n" for each in LINES))
     return path
-
-
-@examples(100)
-@given(seed=st.integers(0, 2**32))
-def test_convert_takes_or_refuses_a_damaged_trace(seed: int) -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        trace, out = Path(folder) / "t.jsonl", Path(folder) / "t.json"
-        trace.write_bytes(hostile.damaged_lines(random.Random(seed), LINES))
-        try:
-            convert(trace, out)
-            assert json.loads(out.read_text(), parse_constant=pytest.fail)["traceEvents"]
-        except UserError as error:
-            assert str(trace) in error.message and error.remedy and len(str(error)) <= 2000
-            assert os.listdir(folder) == ["t.jsonl"]  # noqa: PTH208
 
 
 def test_convert_that_fails_leaves_what_was_there(tmp_path: Path) -> None:

@@ -10,10 +10,8 @@ from lfpipe.notices import (
     Fault,
     Notice,
     faults,
-    latency_lines,
     notices,
 )
-from lfpipe.transport.metrics import HISTOGRAM, Histogram, summary_ms
 from lfpipe.transport.status import ROW, State
 
 T_NS = 10**12
@@ -60,14 +58,3 @@ def test_notices_report_a_fault_instead_of_a_missing_face(rows: Rows) -> None:
 def test_notices_report_a_cover_instead_of_a_missing_face(rows: Rows) -> None:
     (cover,) = shown(rows, FACELESS_NS + 1, covered=True)
     assert not cover.nobody and "shutter" in cover.text
-
-
-def test_latency_lines_omit_what_is_not_known() -> None:
-    nothing = summary_ms(np.zeros((), HISTOGRAM))
-    histogram = Histogram()
-    histogram.add_ns(20_000_000)
-    age = summary_ms(histogram.record)
-    assert latency_lines(nothing, nothing, vblanks=True) == []
-    (line,) = latency_lines(age, nothing, vblanks=True)
-    assert "vertical blank" in line
-    assert len(latency_lines(age, age, vblanks=False)) == 2

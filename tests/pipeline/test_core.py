@@ -58,9 +58,3 @@ def test_core_without_extras_runs_sessions(alone: World, scene: Path, core: Path
     alone.done("replay", "walk", "--scene", scene, "--out", "run")
     assert "3x3" in alone.done("scene", "info", scene).stdout
     alone.done("bench", "stability", "--quick", "--scene", scene)
-
-
-def test_core_without_extras_reports_what_is_missing(alone: World) -> None:
-    assert "sweep" not in alone.done("--help").stdout
-    assert "No such command 'sweep'" in alone.refused("sweep", "plan.toml")
-    assert "--share" in alone.refused("up", "--demo", "--share", "lsl")

@@ -101,17 +101,6 @@ def test_session_keeps_the_last_picture_of_a_program_and_finds_it_again(
 
 
 @pytest.mark.live
-def test_views_of_different_scenes_are_reported(world: World, tmp_path: Path) -> None:
-    frame = made.frame_of(rendered.field(1, 2, 240, 320, scale=2.0))
-    frame[:, 320:] = frame[::-1, 639:319:-1].copy()
-    clip = write_film(tmp_path / "views.avi", [frame] * 30)
-    process = world.shows(Path(f"live:file:{clip}"), pictures=30)
-    world.wait_for(lambda: world.monitor()["stages"]["disparity"]["count"] > 60, "disparity")
-    world.ctl("stop")
-    assert "the views do not show one scene" in world.ended(process)
-
-
-@pytest.mark.live
 @pytest.mark.parametrize("mode", ["grid", "eyes"])
 def test_example_draws_a_live_scene(world: World, mode: str) -> None:
     example = Path(__file__).parents[2] / "examples" / "live_scene.py"

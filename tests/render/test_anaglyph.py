@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lfpipe.config import choices
 from lfpipe.render.synthesis.anaglyph import (
     LEAKS,
     MATRICES,
@@ -14,8 +13,6 @@ from lfpipe.render.synthesis.anaglyph import (
     encoded,
     recipe,
 )
-from lfpipe.render.ui import notices
-from lfpipe.render.ui.pages import KINDS
 
 GLASSES = sorted(MATRICES)
 CROSSED = [name for name in GLASSES if name.startswith("dubois")]
@@ -82,15 +79,6 @@ def test_recipe_multiplied_out_is_the_published_matrix(name: str) -> None:
         np.testing.assert_allclose(found, rows, atol=SHARED_TOLERANCE + 0.0025)
 
 
-@pytest.mark.parametrize(("name", "sign"), [("dubois", -1), ("colour", 0)])
-def test_encode_only_subtracts_what_crosses_over(name: str, sign: int) -> None:
-    """Dubois subtracts in the other eye's channels; nothing is ever added there."""
-    dark, light, right = (np.full((1, 1, 3), value, np.uint8) for value in (0, 255, 128))
-    change = encode(light, right, recipe(name)).astype(int) - encode(dark, right, recipe(name))
-    assert np.sign(change[0, 0, :2]).tolist() == [sign, sign]
-    assert change[0, 0, 2] > 200
-
-
 def test_ghost_compensation_cancels_the_leak_through_the_red_glass() -> None:
     assert recipe("dubois-amber-blue", "linear", 100.0) == recipe(
         "dubois-amber-blue", "linear", 0.0
@@ -105,46 +93,3 @@ def test_ghost_compensation_cancels_the_leak_through_the_red_glass() -> None:
             seen[strength] = float(np.ptp(through_red))
         assert seen[100.0] < 0.05 * seen[0.0]
         assert seen[50.0] == pytest.approx(seen[0.0] / 2, rel=0.1)
-
-
-WITHOUT_SPECTRA = {"dubois-amber-blue"}  # nobody published those of its glasses
-
-
-def test_every_anaglyph_has_a_choice_text_glasses_and_leaks() -> None:
-    assert {name for name in choices("render.anaglyph") if name in MATRICES} == set(MATRICES)
-    assert set(notices.GLASSES) == set(choices("render.anaglyph")), "add its words to GLASSES"
-    assert set(MATRICES) - set(LEAKS) == WITHOUT_SPECTRA, "add its glasses to LEAKS"
-    worn = [value for *_, value in KINDS]
-    for name in MATRICES:
-        assert any(LEAKS.get(name) == LEAKS.get(value) for value in worn), f"no glasses for {name}"
-
-
-def test_wide_lookup_reads_alike_with_any_opencv(monkeypatch: pytest.MonkeyPatch) -> None:
-    from lfpipe.render.synthesis import anaglyph
-
-    rng = np.random.default_rng(5)
-    index = rng.integers(0, 65536, (37, 41), np.uint16)
-    table = rng.integers(0, 256, (1, 65536), np.uint8)
-    for wide in {anaglyph.WIDE_LUT, False}:
-        monkeypatch.setattr(anaglyph, "WIDE_LUT", wide)
-        out = np.zeros(index.shape, np.uint8)
-        anaglyph.wide_lookup(index, table, out)
-        np.testing.assert_array_equal(out, table[0][index])
-
-
-@pytest.mark.parametrize("light", ["linear", "gamma"])
-@pytest.mark.parametrize("empty", [0, 1, 2])
-def test_encode_leaves_a_channel_without_a_row_dark(
-    monkeypatch: pytest.MonkeyPatch, light: str, empty: int
-) -> None:
-    nothing, grey = (0.0, 0.0, 0.0), (0.299, 0.587, 0.114)
-    lit = [(grey, nothing), (nothing, grey)]
-    rows = (*lit[:empty], (nothing, nothing), *lit[empty:])
-    name = f"of two channels {empty}"
-    monkeypatch.setitem(MATRICES, name, rows)
-    left, right = smooth_pictures(3)
-    picture = encode(left, right, recipe(name, light))[..., ::-1]
-    eyes = [encode(eye, eye, recipe("grey", light))[..., 0] for eye in (left, right)]
-    assert not picture[..., empty].any()
-    for channel, eye in zip([k for k in range(3) if k != empty], eyes, strict=True):
-        assert np.abs(picture[..., channel].astype(int) - eye).max() <= 1

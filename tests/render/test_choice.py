@@ -2,10 +2,7 @@
 
 import pytest
 
-from lfpipe.config import Config
 from lfpipe.render.choice import DisplayTime, EyesSource, choose
-from lfpipe.render.display.display import Pointer
-from lfpipe.render.viewer.mouse_look import MouseLook
 from lfpipe.transport.ring import Stamp
 from tests.render.rendered import S, record, viewer
 
@@ -32,10 +29,6 @@ def test_moment_is_the_middle_of_the_refresh_after_the_loop() -> None:
         lit_s = [(20 * MS + device_latency_ns + REFRESH_NS * k / 100) / S for k in range(101)]
         errors = [eyes_px[0] - resting[0] - velocity_px_s * t_s for t_s in lit_s]
         assert sum(errors) / len(errors) == pytest.approx(0, abs=0.01)
-
-
-def test_moment_without_a_refresh_is_the_hand_over() -> None:
-    assert DisplayTime.of(S).seen_ns == S
 
 
 # whether it is a replay, when eyes came and of which epoch, and whether a face is there later
@@ -69,30 +62,3 @@ def test_eyes_source_gives_nobody_once_its_tracker_has_died(kind: str) -> None:
         assert (None if eyes is None else eyes.record.face) == face, t_ns
         assert eyes is None or eyes.t_ns == (updates[-1][0] if face else t_ns)
         assert eyes is None or eyes.stamp.t_sensor_ns == updates[-1][0]
-
-
-def test_eyes_source_takes_the_mouse_while_its_right_button_is_held() -> None:
-    subject = viewer(alpha_px=20.0)
-    mouse = MouseLook(Config(), subject, None)
-    source = EyesSource()
-    source.update(record(), stamp(S))
-    camera = source.at(S, mouse)
-    assert camera is not None and camera.t_ns == S
-    choose(subject, camera, DisplayTime.of(S, REFRESH_NS))
-    mouse.move(Pointer(1.0, 0.5, right=True), S)
-    source.at(S, mouse)
-    held = source.at(S + 100 * MS, mouse)
-    assert held is not None and held.t_ns == S + 100 * MS
-    assert held.record.filtered_px[0] < camera.record.filtered_px[0]
-    assert held.stamp == stamp(S)
-
-
-def test_choose_gives_eyes_at_rest_one_key() -> None:
-    subject = viewer(alpha_px=20.0)
-    source = EyesSource()
-    keys = set()
-    for k in range(120):
-        t_ns = S + k * REFRESH_NS
-        source.update(record(), stamp(t_ns, k + 1))
-        keys.add(choose(subject, source.at(t_ns), DisplayTime.of(t_ns, REFRESH_NS)).key)
-    assert len(keys) == 1

@@ -17,7 +17,7 @@ from lfpipe.config import Config, Render
 from lfpipe.config.tree import Anaglyph, Method
 from lfpipe.render.synthesis.anaglyph import MATRICES, encode, recipe
 from lfpipe.render.synthesis.compositor import Compositor
-from lfpipe.render.synthesis.pair_layout import arrange_stereo_pair, scale_into
+from lfpipe.render.synthesis.pair_layout import arrange_stereo_pair
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.scene.lightfield import UNKNOWN
 from tests.render import rendered
@@ -65,35 +65,6 @@ def test_compose_for_screens_without_glasses() -> None:
     for half, whole in ((side[:, :32], left), (side[:, 32:], right)):
         narrow = whole.reshape(64, 32, 2, 3).mean(axis=2)
         assert np.abs(half - narrow).max() <= 1
-
-
-@pytest.mark.parametrize("anaglyph", OUTPUTS)
-def test_compose_of_grey_views_is_that_of_their_colours(anaglyph: Anaglyph) -> None:
-    colour = rendered.field(3, 3)
-    same = np.repeat(colour.views[:, :, :, :1], 3, axis=3)
-    pictures = [
-        Compositor(
-            attrs.evolve(colour, views=views), Render(method="warp2", anaglyph=anaglyph)
-        ).compose((0.5, 0.2), (0.5, 1.7))
-        for views in (same, same[:, :, :, :1])
-    ]
-    assert np.abs(pictures[0].astype(int) - pictures[1]).max() <= 1
-
-
-def test_key_is_rounded_by_less_than_shows() -> None:
-    field = rendered.field(5, 5, 96, 96, scale=2.0)
-    for method in METHODS[1:]:
-        subject = Compositor(field, Render(method=method, anaglyph="colour"))
-        step = subject._quantum
-        assert step <= 1 / 64
-        off = step * 0.49  # largest distance between a viewpoint and the one drawn for it
-        drawn = subject.compose((2 + off, 1.25 + off), (2 + off, 2.25 + off)).copy()
-        subject._quantum = 2.0**-20
-        true = subject.compose((2 + off, 1.25 + off), (2 + off, 2.25 + off))
-        error = np.abs(drawn.astype(int) - true)
-        assert error.mean() < 0.3
-        # what lies on the edge of the square may fall to its other side
-        assert (error > 1).mean() < 0.02
 
 
 @examples(60)
@@ -171,30 +142,7 @@ def test_laid_out_gives_each_row_of_the_screen_to_one_eye(
     assert cols / rows == pytest.approx(view[0] / view[1], abs=0.06 * view[0] / view[1])
 
 
-@pytest.mark.parametrize("screen", [(160, 90), (200, 200), (320, 100)])
-def test_laid_out_halves_keep_the_shape_of_their_views(screen: tuple[int, int]) -> None:
-    out = arrange_stereo_pair(pair((60, 40)), "side-by-side", screen)
-    for eye, colour in enumerate((LEFT, RIGHT)):
-        stretched = out[:, eye * screen[0] // 2 : (eye + 1) * screen[0] // 2].repeat(2, axis=1)
-        assert (stretched[stretched.any(axis=2)] == colour).all()
-        rows = np.nonzero(stretched.any(axis=(1, 2)))[0]
-        cols = np.nonzero(stretched.any(axis=(0, 2)))[0]
-        assert np.ptp(cols) / np.ptp(rows) == pytest.approx(1.5, abs=0.05)
-        assert (
-            abs(cols.mean() - (screen[0] - 1) / 2) <= 2
-            and abs(rows.mean() - (screen[1] - 1) / 2) <= 1
-        ), "in its middle"
-
-
 sides, small = st.integers(1, 4000), st.integers(4, 40)
-
-
-@given(small, small, st.integers(0, 255))
-def test_scale_into_keeps_the_neighbours_and_a_flat_colour(w: int, h: int, value: int) -> None:
-    memory, wanted = (np.full((h + 2, w + 2, 4), 7, np.uint8) for _ in range(2))
-    wanted[1:-1, 1:-1] = value
-    scale_into(np.full((16, 16, 4), value, np.uint8), memory[1:-1, 1:-1])
-    np.testing.assert_array_equal(memory, wanted)
 
 
 @pytest.mark.parametrize("anaglyph", OUTPUTS)
@@ -216,17 +164,3 @@ def test_each_frame_of_a_video_gets_its_own_picture(anaglyph: Anaglyph) -> None:
                 (1.0, 0.0), (1.0, 2.0)
             ),
         )
-
-
-@pytest.mark.parametrize("first_row", [0, 1])
-@pytest.mark.parametrize("bar_px", [1, 2, 3])
-def test_row_interleaved_eyes_keep_their_rows_of_the_screen_below_a_bar(
-    bar_px: int, first_row: int
-) -> None:
-    pair = tuple(np.full((4, 8, 3), value, np.uint8) for value in (10, 200))
-    screen = arrange_stereo_pair(
-        (pair[0], pair[1]), "row-interleaved", (8, 4 + 2 * bar_px), first_row
-    )
-    shown = screen[bar_px : bar_px + 4, 0, 0]
-    rows = np.arange(first_row + bar_px, first_row + bar_px + 4)
-    np.testing.assert_array_equal(shown, np.where(rows % 2, 200, 10))

@@ -11,8 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.config import Config, updated
-from lfpipe.config.camera_pose import camera_focal_px
-from lfpipe.render.synthesis.viewpoint import PLANES, zero_planes_px
 from lfpipe.render.viewer.geometry import Parallax, parallax
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.source import Geometry
@@ -195,53 +193,6 @@ def test_parallax_names_each_limit_of_comfort(
         assert (
             (why in str(found)) == (found.views_between_eyes > found.comfort_views) == (alpha < 1)
         )
-
-
-def test_parallax_beyond_comfort_advises_an_alpha_that_ends_it() -> None:
-    advised = 63.0 / (chosen(cotton(), alpha_px=3.5).comfort_views or 0)
-    assert f"use render.alpha_px of at least {advised:.1f}" in str(chosen(cotton(), alpha_px=3.5))
-    for factor, beyond in ((1.01, False), (0.99, True)):
-        assert (
-            "beyond the comfort limit" in str(chosen(cotton(), alpha_px=factor * advised))
-        ) == beyond
-
-
-def test_parallax_takes_the_width_that_is_set_then_the_monitors() -> None:
-    auto = configured({"camera": {"focal_px": 600.0}})
-    reported = parallax(auto, cotton(), 640, 63.0, 300.0)
-    guessed = parallax(auto, cotton(), 640, 63.0)
-    assert "300 mm wide (on this monitor)" in str(reported) and "530 mm wide (assumed" in str(
-        guessed
-    )
-    by_hand = configured({"camera": {"focal_px": 600.0}, "screen": {"width_mm": 299.0}})
-    assert parallax(by_hand, cotton(), 640, 63.0, 400.0) == chosen(cotton())
-
-
-def test_parallax_differs_from_that_of_another_seat() -> None:
-    at = {eyes_px: chosen(cotton(), eyes_px) for eyes_px in (63.0, 68.0, 80.0)}
-    assert not at[68.0].differs_from(at[63.0])
-    assert at[80.0].differs_from(at[63.0]) and chosen(cotton(), alpha_px=20.0).differs_from(
-        at[63.0]
-    )
-
-
-def test_camera_focal_px_and_distance_of_narrow_eyes() -> None:
-    assert camera_focal_px(configured({"camera": {"fov_deg": 60.0}}), 640) == pytest.approx(
-        320.0 * math.sqrt(3)
-    )
-    assert camera_focal_px(
-        configured({"camera": {"focal_px": 600.0, "width_px": 640}}), 1280
-    ) == pytest.approx(1200.0)
-    child = configured({"camera": {"focal_px": 600.0}, "screen": {"eyes_mm": 50.0}})
-    assert parallax(child, cotton(), 640, 63.0).distance_mm == pytest.approx(600.0 * 50 / 63)
-
-
-@given(st.floats(-300, 300), st.floats(0, 600))
-def test_zero_planes_px_go_through_a_scene_in_some_forty_steps(low: float, span: float) -> None:
-    first, last, step = zero_planes_px(low, low + span)
-    assert 0.01 <= step == float(f"{step:.0g}")
-    if span > 0.01 * PLANES:
-        assert first < low and last > low + span and span / step == pytest.approx(PLANES, rel=0.5)
 
 
 @examples(200)

@@ -2,10 +2,8 @@
 
 import json
 import os
-import re
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import attrs
 import numpy as np
@@ -21,20 +19,18 @@ from lfpipe.render.listeners import (
     PictureRing,
     ShownStamps,
     StatusRow,
-    TapMessages,
     Trace,
     trace_line,
 )
 from lfpipe.render.metrics import METRICS
 from lfpipe.render.presenter import REPLACED, Presentation
 from lfpipe.render.stage import RenderStage
-from lfpipe.render.viewer.presence import ViewerState
 from lfpipe.transport import ring
 from lfpipe.transport.metrics import summary_ms
 from lfpipe.transport.ring import RingSpec
 from lfpipe.transport.status import ROW, Row
 from tests.contracts import contract
-from tests.render.rendered import S, presentation, record, viewer
+from tests.render.rendered import S, presentation, viewer
 from tests.support.processes import largest_file
 
 REFRESH_NS = S // 60
@@ -168,29 +164,6 @@ def test_status_row_counts(
 # messages
 
 
-def test_tap_messages_report_each_state_and_parallax_once() -> None:
-    messages: list[tuple[str, dict[str, Any]]] = []
-    subject = viewer()
-    tap = TapMessages(
-        lambda topic, **values: messages.append((topic, values)), subject, ViewerState.NOBODY
-    )
-    for k in range(120):
-        subject.viewpoints(record(), k * REFRESH_NS, k * REFRESH_NS)
-        tap.handed_over(presentation(t_handed_ns=k * REFRESH_NS))
-    topics = [topic for topic, _ in messages]
-    assert [values["state"] for topic, values in messages if topic == "viewer"] == [
-        "arriving",
-        "seated",
-    ]
-    assert topics.count("parallax") == 1 and "look" not in topics
-    (notice,) = [values["text"] for topic, values in messages if topic == "notice"]
-    assert re.fullmatch(r"you sit \d+ cm from the screen(; depth is .*)?", notice)
-    tap.set_options(attrs.evolve(NONE, pictures="ring"))
-    for k in range(60):
-        tap.handed_over(presentation(t_handed_ns=3 * S + k * REFRESH_NS))
-    assert 8 <= sum(topic == "look" for topic, _ in messages) <= 10, "ten a second at most"
-
-
 # rings
 
 
@@ -243,13 +216,6 @@ def test_trace_line_has_the_columns_of_the_contract() -> None:
     for key in ("eyes_raw", "eyes_used", "view"):
         assert list(line[key]) == list(example[key]) == ["left", "right"]
         assert all(np.shape(side) == (2,) for side in line[key].values())
-
-
-def test_trace_line_contains_the_target_vblank() -> None:
-    refresh_ns = 16_666_667
-    line = trace_line(presentation(display_time=DisplayTime.of(2 * S, refresh_ns)), "warp", 0)
-    assert line["t_due_ns"] == 2 * S
-    assert trace_line(presentation(), "warp", 0)["t_due_ns"] == 0
 
 
 def test_status_row_measures_the_prediction_in_ns() -> None:

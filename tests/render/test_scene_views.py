@@ -13,44 +13,14 @@ from hypothesis.extra import numpy as arrays
 
 from lfpipe.config import Config, Render
 from lfpipe.config.tree import Method
-from lfpipe.render.synthesis.anaglyph import recipe
 from lfpipe.render.synthesis.compositor import Compositor
-from lfpipe.render.synthesis.scene_views import SceneViews, reduced, reduced_disparity
+from lfpipe.render.synthesis.scene_views import reduced_disparity
 from lfpipe.render.synthesis.scoring import psnr_db
 from lfpipe.render.viewer.viewer import Canvas, Viewer
 from lfpipe.scene.lightfield import UNKNOWN
 from tests.render import rendered
 
 SIZES = st.tuples(st.integers(1, 40), st.integers(1, 40))
-
-
-def test_scene_views_bound_their_planes() -> None:
-    field = rendered.field(4, 4, 32, 32)
-    views = SceneViews(field, budget_bytes=10 * 32 * 32)
-    get = views.source(recipe("dubois").planes[0])
-    first = get(0, 0, 0).copy()
-    for row, col in np.ndindex(4, 4):
-        get(0, row, col)
-    assert views.built.cache_info().currsize <= 10
-    np.testing.assert_array_equal(get(0, 0, 0), first)
-
-
-@given(plane=arrays.arrays(np.uint8, SIZES), shares=st.tuples(*2 * [st.floats(0.1, 1)]))
-def test_reduced_stays_within_the_range_and_keeps_the_mean(
-    plane: np.ndarray, shares: tuple[float, float]
-) -> None:
-    height, width = (max(1, round(n * share)) for n, share in zip(plane.shape, shares, strict=True))
-    small = reduced(plane, (width, height))
-    assert small.shape == (height, width)
-    assert plane.min() <= small.min() and small.max() <= plane.max()
-
-
-@pytest.mark.parametrize("size_px", [(45, 30), (40, 27), (30, 20), (21, 14)])
-def test_reduced_averages_the_area_of_each_pixel(size_px: tuple[int, int]) -> None:
-    noise = np.random.default_rng(1).integers(0, 256, (60, 90), np.uint8)
-    plane = np.asarray(cv2.GaussianBlur(noise, (0, 0), 3), np.uint8)
-    whole = cv2.resize(plane, size_px, interpolation=cv2.INTER_AREA).astype(float)
-    assert psnr_db(float(np.mean((reduced(plane, size_px) - whole) ** 2))) > 38
 
 
 @given(

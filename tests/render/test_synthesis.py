@@ -2,8 +2,6 @@
 depth, sane on nonsense; and blocks of 2x2 pixels against the same thing done pixel by pixel.
 """
 
-import itertools
-
 import attrs
 import cv2
 import numpy as np
@@ -123,27 +121,6 @@ def test_synthesiser_warps_keep_their_lead_where_parts_are_hidden(
     assert min(found[method] for method in WARPS) > found["nearest"] + 5
 
 
-@pytest.mark.parametrize("method", ["blend", "warp2"])
-@pytest.mark.parametrize("along", [(0.0, 1.0), (1.0, 0.0), (0.7, 0.7)])
-def test_synthesiser_does_not_jump_along_a_sweep(method: str, along: tuple[float, float]) -> None:
-    field = rendered.field(5, 5, 96, 96, scale=2.0)
-    path = [(0.5 + along[0] * s, 0.5 + along[1] * s) for s in np.arange(0, 3, 0.05)]
-    frames = [made(field, method, position).astype(float) for position in path]
-    steps = np.array([np.abs(b - a).mean() for a, b in itertools.pairwise(frames)])
-    assert steps.max() <= 3.0 * np.median(steps)
-
-
-@pytest.mark.parametrize("method", ["nearest", "blend", "warp"])
-def test_synthesiser_keeps_the_zero_plane_still(method: str) -> None:
-    square = (0, slice(24, 40), slice(24, 40))
-    for zero_plane_px in (rendered.NEAR, 0.0):
-        here, there = (
-            made(rendered.field(5, 5), method, (2.0, col), zero_plane_px).astype(float)
-            for col in (1.0, 3.0)
-        )
-        assert (np.abs(here - there)[square].mean() < 2) == (zero_plane_px == rendered.NEAR)
-
-
 @pytest.mark.parametrize("method", WARPS)
 def test_synthesiser_in_bands_makes_the_same_picture(
     method: str, monkeypatch: pytest.MonkeyPatch
@@ -202,19 +179,3 @@ def test_blocks_sample_as_pixels_do_beyond_the_border_too(
     assert error <= (reach_px > 0), (
         "the margin shifts the rounding of coordinates; where nothing moves the plane comes back"
     )
-
-
-@examples(60)
-@given(st.integers(0, 1000), st.integers(0, 60))
-def test_boxes_of_a_mask_hold_it_all_in_less_than_one_box(seed: int, count: int) -> None:
-    rng = np.random.default_rng(seed)
-    mask = np.zeros((40, 60), np.uint8)
-    for y, x in rng.integers(0, (38, 56), (count, 2)).tolist():
-        mask[y : y + 2, x : x + 4] = 1
-    rest = mask.copy()
-    area = 0
-    for box in warper._boxes_of(mask):
-        rest[box] = 0
-        area += mask[box].size
-    _, _, width, height = cv2.boundingRect(mask)
-    assert not rest.any() and area <= width * height

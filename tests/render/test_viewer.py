@@ -2,7 +2,6 @@
 configuration change.
 """
 
-import itertools
 import math
 from typing import Any
 
@@ -24,45 +23,6 @@ def middle(look: Viewpoints) -> tuple[float, float]:
     return look.left[0], (look.left[1] + look.right[1]) / 2
 
 
-def script(
-    subject: Viewer, *scenes: tuple[float, dict[str, Any]], start_s: float = 0.0
-) -> list[Viewpoints]:
-    """What is shown at 60 Hz while a camera of 30 Hz sees each scene for its seconds; a scene
-    without a face has face=0.
-    """
-    shown = []
-    k = 0
-    sensor_ns = 0
-    for seconds, where in scenes:
-        for _ in range(round(seconds * 60)):
-            t_ns = round(start_s * S) + k * S // 60
-            sensor_ns = t_ns if k % 2 == 0 else sensor_ns
-            shown.append(subject.viewpoints(record(**where), sensor_ns, t_ns))
-            k += 1
-    return shown
-
-
-def test_viewer_sways_on_request_while_nobody_is_there() -> None:
-    field = rendered.field(9, 9, 16, 16)
-    config = Config(render=Render(method="warp2"))
-    plain, shown = Viewer(field, config), Viewer(field, config, sways_alone=True)
-    empty = [shown.viewpoints(None, 0, t * S // 10) for t in range(300)]
-    cols = [look.left[1] for look in empty]
-    assert max(cols) - min(cols) > 4 and max(np.abs(np.diff(cols))) < 0.2
-    assert all(
-        0 <= look.left[1] <= look.right[1] <= 8 and look.left[0] == look.right[0] for look in empty
-    )
-    here = [(record(300 + t % 7, generation=1), 30 * S + t * S // 30) for t in range(90)]
-    both = [(plain.viewpoints(seen, t, t), shown.viewpoints(seen, t, t)) for seen, t in here]
-    leap = max(
-        abs(b.left[1] - a.left[1])
-        for a, b in itertools.pairwise([empty[-1], *(look for _, look in both)])
-    )
-    # the distance between the eyes comes at once, as ever; the way back to them does not
-    assert leap < 1.5
-    assert both[-1][0].left == both[-1][1].left and both[-1][0].right == both[-1][1].right
-
-
 @pytest.mark.parametrize("alpha_px", [12.0, "auto"])
 def test_viewer_recentre_makes_the_present_place_the_middle(
     alpha_px: Any,
@@ -82,32 +42,6 @@ def test_viewer_recentre_makes_the_present_place_the_middle(
     subject.set(rendered.field(5, 7, 16, 16), subject.config)
     assert middle(subject.viewpoints(record(344.0, 252.0), 6 * S, 6 * S)) == pytest.approx(
         (2.0, 3.0)
-    )
-
-
-def test_viewer_set_quality_changes_how_views_are_drawn_and_not_where() -> None:
-    subject = viewer(alpha_px=12.0)
-    full = subject.viewpoints(record(349.0, 240.0), 0, 0)
-    subject.set_quality(
-        attrs.evolve(subject.config, render=attrs.evolve(subject.config.render, method="nearest"))
-    )
-    snapped = subject.viewpoints(record(349.0, 240.0), S, S)
-    assert subject.method == "nearest" and all(
-        value == round(value) for value in (*snapped.left, *snapped.right)
-    )
-    assert max(abs(a - b) for a, b in zip(full.left, snapped.left, strict=True)) <= 0.6
-
-
-def test_viewer_set_width_makes_alpha_anew() -> None:
-    deep = attrs.evolve(rendered.field(9, 9, 16, 16), disparity_min_px=-6.0, disparity_max_px=6.0)
-    subject = Viewer(deep, Config())
-    assert subject.set_width(300.0) and not subject.set_width(300.0)
-    subject.viewpoints(record(), 0, 0)
-    solver = subject.solver
-    assert solver is not None and "300 mm" in str(subject.parallax)
-    assert subject.set_width(600.0) and subject.solver is None
-    assert not Viewer(deep, Config(screen=attrs.evolve(Config().screen, width_mm=500.0))).set_width(
-        300.0
     )
 
 
@@ -218,15 +152,3 @@ def test_camera_pose_keeps_leaning_in_from_looking_like_moving_down(
     assert abs(with_pose[-1] - with_pose[89]) < 0.1
     worst, was = (max(abs(row - found[89]) for row in found[89:]) for found in (with_pose, without))
     assert worst < 0.5 * was, "and on the way, while the distance is followed"
-
-
-def test_viewer_complete_keeps_the_views_between_the_eyes() -> None:
-    """The range of a scene is known before its maps are."""
-    complete = rendered.field(9, 9, 16, 16)
-    early = attrs.evolve(complete, disparity=None, disparity_source="none", method="nearest")
-    subject = Viewer(early, Config())
-    script(subject, (1.0, {}))
-    assert subject.parallax is not None
-    views = subject.parallax.views_between_eyes
-    subject.complete(complete, Config())
-    assert subject.parallax.views_between_eyes == views < 4

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.config import Render
-from lfpipe.render.synthesis.viewpoint import ViewSolver, limited, pair_clamped, view_weights
+from lfpipe.render.synthesis.viewpoint import ViewSolver, limited, view_weights
 
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 COUNTS = st.integers(1, 30)
@@ -82,26 +82,6 @@ def test_view_solver_nearest_has_hysteresis(noise: list[float], place: float) ->
 PAIR = st.tuples(st.floats(-30, 30), st.floats(0, 12), COUNTS, st.floats(0, 16))
 
 
-@given(PAIR)
-def test_pair_clamped_keeps_the_distance_at_the_edge(
-    pair: tuple[float, float, int, float],
-) -> None:
-    left, eye_distance, count, reach = pair
-    found = pair_clamped(left, left + eye_distance, count, reach)
-    kept = min(eye_distance, count - 1.0)
-    assert found[1] - found[0] >= kept - 1e-9 and found[1] - found[0] <= eye_distance + 1e-9, (
-        "depth stays"
-    )
-    assert all(-reach <= col <= count - 1 + reach for col in found)
-    assert eye_distance > count - 1 or pair_clamped(-1e6, eye_distance - 1e6, count, reach)[
-        0
-    ] == pytest.approx(-reach)
-    if left >= 0 and left + eye_distance <= count - 1:
-        assert found == (left, left + eye_distance)
-    mirrored = pair_clamped(count - 1 - left - eye_distance, count - 1 - left, count, reach)
-    assert found == pytest.approx((count - 1 - mirrored[1], count - 1 - mirrored[0]), abs=1e-9)
-
-
 CENTRES = st.tuples(st.floats(-500, 1500), st.floats(-500, 1500))
 
 
@@ -131,61 +111,6 @@ def test_dragged_is_the_nearest_neutral_position_that_holds_the_eyes(
     assert again == pytest.approx((cx, cy), abs=1e-6), "there it stays"
 
 
-@pytest.mark.parametrize(
-    ("eyes", "beyond"),
-    [
-        ((320.0, 240.0, 300.0, 240.0), False),
-        # half of two columns of 12 px past the clamp, where the outer eye is 4 columns out
-        ((279.0, 240.0, 259.0, 240.0), True),
-        ((281.0, 240.0, 261.0, 240.0), False),
-        ((381.0, 240.0, 361.0, 240.0), True),
-        ((379.0, 240.0, 359.0, 240.0), False),
-        ((330.0, 240.0, 230.0, 240.0), True),  # eyes far apart reach the edge earlier
-        ((330.0, 289.0, 310.0, 289.0), True),
-        ((330.0, 287.0, 310.0, 287.0), False),
-        ((330.0, 191.0, 310.0, 191.0), True),
-        ((330.0, 300.0, 310.0, 180.0), False),  # it is the middle of the eyes that has a row
-    ],
-)
-def test_beyond_is_where_motion_hardly_changes_the_picture(
-    eyes: tuple[float, float, float, float], beyond: bool
-) -> None:
-    assert solver().beyond(eyes) is beyond
-    if eyes[1] == eyes[3] != 240.0:
-        assert solver(rows=2).beyond(eyes) and not solver(rows=1).beyond(eyes), (
-            "a single row has no above and below"
-        )
-
-
-@given(
-    st.sampled_from(["nearest", "blend", "warp", "warp2"]),
-    st.integers(1, 5),
-    st.integers(1, 5),
-    st.floats(-1, 5),
-    st.floats(-1, 5),
-)
-def test_view_weights_are_those_of_near_neighbours(
-    method: str, rows: int, cols: int, row: float, col: float
-) -> None:
-    weights = view_weights(method, (row, col), rows, cols)
-    assert 1 <= len(weights) <= 4 and sum(one.weight for one in weights) == pytest.approx(1)
-    assert all(one.weight > 0 for one in weights)
-    r, c = min(max(row, 0.0), rows - 1.0), min(max(col, 0.0), cols - 1.0)
-    assert all(
-        abs(one.row - r) <= 1
-        and abs(one.col - c) <= 1
-        and 0 <= one.row < rows
-        and 0 <= one.col < cols
-        for one in weights
-    )
-    if method == "blend":
-        assert sum(one.row * one.weight for one in weights) == pytest.approx(r, abs=1e-9)
-        assert sum(one.col * one.weight for one in weights) == pytest.approx(c, abs=1e-9)
-    if method in ("nearest", "warp"):
-        ((near_row, near_col, _),) = weights
-        assert abs(near_row - r) <= 0.5 and abs(near_col - c) <= 0.5
-
-
 @given(st.floats(0, 4), st.floats(0, 4), st.sampled_from(["blend", "warp2"]))
 def test_view_weights_are_continuous(row: float, col: float, method: str) -> None:
     tables = np.zeros((2, 5, 5))
@@ -193,19 +118,3 @@ def test_view_weights_are_continuous(row: float, col: float, method: str) -> Non
         for one in view_weights(method, (row + off, col + off), 5, 5):
             table[one.row, one.col] += one.weight
     assert np.abs(tables[0] - tables[1]).max() < 2e-5  # twice as fast where four meet
-
-
-def test_view_weights_of_warp2_fade_narrowly() -> None:
-    def share_of_the_next(row: float, col: float) -> float:
-        return sum(
-            view.weight
-            for view in view_weights("warp2", (row, col), 3, 3)
-            if (view.row, view.col) == (1, 1)
-        )
-
-    assert [share_of_the_next(1.0, col) for col in (0.25, 0.375, 0.5, 0.75)] == pytest.approx(
-        [0.0, 0.25, 0.5, 1.0]
-    )
-    assert [share_of_the_next(row, 1.0) for row in (0.4, 0.45, 0.5, 0.6)] == pytest.approx(
-        [0.0, 0.25, 0.5, 1.0]
-    )

@@ -80,45 +80,6 @@ def test_bad_input_is_an_error(
     assert (failures, errors) == (0, 1) and said in text
 
 
-@pytest.mark.parametrize(
-    ("failure", "code", "said"),
-    [
-        (run.ReplayFailed("render failed on the way"), 1, "render failed on the way"),
-        (UserError("no memory for rings", "close something"), 2, "no memory for rings"),
-        (KeyboardInterrupt(), 130, "interrupted"),
-        (RuntimeError("a fault \x00\x1b[2J of \ud800 ours"), None, "a fault"),
-        (MemoryError(), 2, "MemoryError"),
-    ],
-)
-def test_a_failure_on_the_way_is_an_error(
-    seq: Path,
-    blocks: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    failure: BaseException,
-    code: int | None,
-    said: str,
-) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-
-    def fail(*_: Any) -> None:
-        assert outcome(tmp_path / "j.xml") == (
-            0,
-            1,
-            "it did not finish",
-        ), "what the file holds if we are killed now"
-        raise failure
-
-    monkeypatch.setattr(run, "replay", fail)
-    args = (seq, "--scene", blocks, "--junit", tmp_path / "j.xml", "--out", tmp_path / "out")
-    if code is None:
-        with pytest.raises(type(failure)):
-            typed(monkeypatch, *args)
-    else:
-        assert typed(monkeypatch, *args) == code
-    assert outcome(tmp_path / "j.xml")[:2] == (0, 1) and said in outcome(tmp_path / "j.xml")[2]
-
-
 def test_differences_are_failures_of_their_own(tmp_path: Path) -> None:
     differences = [
         Difference("eyes", "moved\x07", 3),
@@ -156,3 +117,42 @@ def test_an_interrupted_replay_reports_it(
     process.communicate(timeout=60)
     code = 130 if number == signal.SIGINT else -number
     assert process.returncode == code and outcome(junit)[:2] == (0, 1)
+
+
+@pytest.mark.parametrize(
+    ("failure", "code", "said"),
+    [
+        (run.ReplayFailed("render failed on the way"), 1, "render failed on the way"),
+        (UserError("no memory for rings", "close something"), 2, "no memory for rings"),
+        (KeyboardInterrupt(), 130, "interrupted"),
+        (RuntimeError("a fault \x00\x1b[2J of \ud800 ours"), None, "a fault"),
+        (MemoryError(), 2, "MemoryError"),
+    ],
+)
+def test_a_failure_on_the_way_is_an_error(
+    seq: Path,
+    blocks: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    failure: BaseException,
+    code: int | None,
+    said: str,
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+    def fail(*_: Any) -> None:
+        assert outcome(tmp_path / "j.xml") == (
+            0,
+            1,
+            "it did not finish",
+        ), "what the file holds if we are killed now"
+        raise failure
+
+    monkeypatch.setattr(run, "replay", fail)
+    args = (seq, "--scene", blocks, "--junit", tmp_path / "j.xml", "--out", tmp_path / "out")
+    if code is None:
+        with pytest.raises(type(failure)):
+            typed(monkeypatch, *args)
+    else:
+        assert typed(monkeypatch, *args) == code
+    assert outcome(tmp_path / "j.xml")[:2] == (0, 1) and said in outcome(tmp_path / "j.xml")[2]

@@ -14,13 +14,9 @@ import cv2
 import numpy as np
 import psutil
 import pytest
-from click.testing import CliRunner
 
-from lfpipe.cli.sequence import record
-from lfpipe.errors import UserError
-from lfpipe.sequence.folder import Sequence, new_sequence, open_sequence
-from lfpipe.sequence.packets import INDEX, encoded
-from lfpipe.supervisor.session import Outcome
+from lfpipe.sequence.folder import Sequence, open_sequence
+from lfpipe.sequence.packets import INDEX
 from tests.support.world import World, runs
 
 SMALL = ("--set", "camera.width_px=320", "--set", "camera.height_px=240")
@@ -65,19 +61,6 @@ def test_a_live_session_is_recorded_without_a_hole(world: World, short: Path, bl
     assert {stat.S_IMODE(path.stat().st_mode) for path in out.iterdir()} == {
         0o600
     } and stat.S_IMODE(out.stat().st_mode) == 0o700
-
-
-def test_record_that_ends_before_its_first_frame_fails(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Ctrl-C while the camera starts left nothing, said nothing, and ended with 0."""
-    monkeypatch.setattr(
-        "lfpipe.cli.sequence.run_session",
-        lambda *_: Outcome(reason="interrupted", signum=2),
-    )
-    words = [str(tmp_path / "walk"), "--camera", "demo"]
-    ended = CliRunner().invoke(record, words, standalone_mode=False)
-    assert ended.return_value == 1 and "walk: no frame was recorded" in ended.output
 
 
 def test_a_recording_cut_off_by_sigkill_is_whole_to_its_last_frame(
@@ -136,61 +119,3 @@ def test_jpegs_of_another_size_stay_and_replay_as_they_were_tracked(
     assert runs[0]["config"]["camera"]["width_px"] == 320, (
         "the size that was tracked, not that of the JPEGs"
     )
-
-
-def noisy(folder: Path, short: Path) -> Path:
-    """A lossless film of a face with the noise of a webcam, 2 s of 640x480."""
-    noise = np.random.default_rng(1)
-    with new_sequence(folder, "made", (640, 480), 30.0) as writer:
-        for packet in open_sequence(short).packets:
-            big = cv2.resize(open_sequence(short).frame(packet.seq), (640, 480))
-            frame = np.clip(big + noise.normal(0, 2, big.shape), 0, 255).astype(np.uint8)
-            t_ns = packet.t_sensor_ns
-            writer.append(encoded(frame), "png", packet.seq, 0, t_ns, t_ns)
-    return folder
-
-
-@pytest.mark.nightly
-def test_ten_seconds_of_a_camera_without_jpegs_take_at_most_10_mb(
-    world: World, short: Path, blocks: Path
-) -> None:
-    """They were stored without loss, as 30 to 170 MB."""
-    film = noisy(world.root / "film", short)
-    camera = ("--camera", f"file:{film}?loop=0&pace=30")
-    world.done("record", world.root / "jpeg", *camera)
-    jpeg = open_sequence(world.root / "jpeg")
-    assert jpeg.codecs == {"jpeg"} and len(jpeg.packets) > 30
-    assert sum(packet.bytes for packet in jpeg.packets) * 300 / len(jpeg.packets) < 10e6
-    world.done("replay", world.root / "jpeg", "--scene", blocks, "--out", "out")
-    report = json.loads((world.root / "out" / "report.json").read_text())
-    assert report["counts"]["faces"] > 30
-
-
-def test_a_live_session_is_recorded_several_times_each_whole(
-    world: World, short: Path, blocks: Path
-) -> None:
-    given = [open_sequence(short).data(k) for k in range(60)]
-    outs = [world.root / f"rec{number}" for number in range(3)]
-
-    def begun(out: Path) -> bool:
-        try:
-            world.ask(cmd="record", path=str(out))
-        except UserError:  # the one before is still being written
-            return False
-        return True
-
-    world.shows(blocks, *SMALL, camera=f"file:{short}?loop=1&pace=60", pictures=3)
-    for number, out in enumerate(outs):
-        world.wait_for(lambda out=out: begun(out), "recording")
-        world.wait_for(lambda out=out: frames(out) > 20, "frames")
-        world.ask(cmd="record", path="")
-        # the second one follows at once; before the third, so many frames pass without a recording
-        if number:
-            world.pictures(len(world.lines()) + 120)
-    world.wait_for(lambda: all(open_sequence(out).complete for out in outs), "the end of all")
-    sequences = [open_sequence(out) for out in outs]
-    assert all(_same(sequence, given) for sequence in sequences)
-    stage = capture(world)
-    assert stage["restarts"] == 0
-    assert stage["metrics"]["recorded"] == sum(len(sequence.packets) for sequence in sequences)
-    assert stage["metrics"]["unrecorded"] < 30, "frames between two recordings are not missed"

@@ -2,14 +2,9 @@
 readable.
 """
 
-import contextlib
 import json
-import os
-import shutil
 import signal
-import subprocess
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -24,8 +19,8 @@ from lfpipe.sequence.packets import encoded
 from lfpipe.sequence.recorder import Recordable, Recording
 from lfpipe.transport.ring import Reader
 from lfpipe.transport.session import Session
-from tests.replay.test_record import capture, frames
-from tests.support.world import LARGE, World, stays, until
+from tests.replay.test_record import frames
+from tests.support.world import LARGE, World
 
 SMALL = (
     "--set",
@@ -36,59 +31,6 @@ SMALL = (
     "camera.rate_hz=60",
 )
 SHAPE = (120, 160, 3)
-
-
-@pytest.fixture
-def disk(tmp_path: Path) -> Iterator[Path]:
-    """A file system of its own, on a disk that can be stopped."""
-    image, place = tmp_path / "disk.img", tmp_path / "disk"
-    place.mkdir()
-    with image.open("wb") as file:
-        file.truncate(64 << 20)
-    made = [["mkfs.ext4", "-q", str(image)], ["mount", "-o", "loop", str(image), str(place)]]
-    if os.getuid() or not all(
-        shutil.which(command[0]) and not subprocess.run(command).returncode for command in made
-    ):
-        pytest.skip(
-            "no file system can be made and mounted here (needs root, mkfs.ext4 and loop devices)"
-        )
-    yield place
-    subprocess.run(["fsfreeze", "-u", str(place)], capture_output=True)
-    umount = ["umount", str(place)]
-    until(lambda: subprocess.run(umount, capture_output=True).returncode == 0, "end of its use")
-
-
-@contextlib.contextmanager
-def stopped(disk: Path) -> Iterator[None]:
-    """Every write waits in the kernel, as with a network drive whose server is gone."""
-    subprocess.run(["fsfreeze", "-f", str(disk)], check=True)
-    try:
-        yield
-    finally:
-        subprocess.run(["fsfreeze", "-u", str(disk)], check=True)
-
-
-def test_a_disk_that_stalls_delays_no_frame_and_loses_none(
-    world: World, scene: Path, disk: Path
-) -> None:
-    process = world.shows(scene, *SMALL)
-    out = disk / "rec"
-    world.ctl("record", "start", out)
-    world.wait_for(lambda: frames(out) > 30, "frames")
-    pid = capture(world)["pid"]
-    with stopped(disk):
-        # longer than a stage may be silent
-        stays(lambda: capture(world)["pid"] == pid and capture(world)["fps"] > 0, 4.0, "capture")
-        assert capture(world)["metrics"]["unrecorded"] == 0, "they wait in memory"
-    stored = frames(out)
-    world.wait_for(lambda: frames(out) > stored + 30, "frames again")
-    world.ctl("record", "stop")
-    world.wait_for(lambda: json.loads((out / "manifest.json").read_text())["complete"], "manifest")
-    stages = world.monitor()["stages"]
-    assert [stage["restarts"] for stage in stages.values()] == [0] * len(stages)
-    lost = stages["capture"]["dropped"] + stages["capture"]["metrics"]["unrecorded"]
-    assert open_sequence(out).lost <= lost, "every hole is counted"
-    world.ended(process, signal.SIGINT)
 
 
 def test_the_death_of_the_supervisor_loses_no_frame_that_the_recorder_had(

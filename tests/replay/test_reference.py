@@ -3,7 +3,6 @@
 import itertools
 import json
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +12,6 @@ import numpy as np
 import pytest
 
 from lfpipe.replays.report import Line, pair, read_trace
-from tests.support.extras import with_extras
 from tests.support.world import World
 
 ROOT = Path(__file__).parents[2]
@@ -101,48 +99,3 @@ def test_a_replay_fails_whose_stage_had_to_be_restarted(
     world.kill("track")
     assert "track failed during the replay and had to be restarted" in world.ended(process, code=1)
     assert not (out / "report.json").exists()
-
-
-def _changed(root: Path, file: str, before: str, after: str) -> Path:
-    """A copy of the package with one thing changed."""
-    shutil.copytree(
-        ROOT / "lfpipe", root / "changed" / "lfpipe", ignore=shutil.ignore_patterns("__pycache__")
-    )
-    path = root / "changed" / "lfpipe" / file
-    text = path.read_text()
-    assert text.count(before) == 1, f"{file} no longer says {before!r}: name another constant here"
-    path.write_text(text.replace(before, after))
-    return root / "changed"
-
-
-@with_extras
-@pytest.mark.live
-def test_who_draws_changes_pictures_alone_and_a_lost_gpu_is_said(
-    world: World, short: Path, blocks: Path
-) -> None:
-    keys = ("render.method=warp2", "render.alpha_px=8", "render.zero_plane_px=0")
-    runs = {}
-    lost = _changed(
-        world.root,
-        "extras/gpu/painter.py",
-        'self._gpu.context.error != "GL_NO_ERROR"',
-        "vars(self).update(n=vars(self).get('n', 0) + 1) or self.n > 30",  # pictures
-    )
-    for name, device in (("cpu", "cpu"), ("auto", "auto"), ("gpu", "gpu"), ("lost", "gpu")):
-        settings = [f"--set={key}" for key in (*keys, f"render.device={device}")]
-        if name == "lost":
-            world.env["PYTHONPATH"] = str(lost)
-        done = world.run("replay", short, "--scene", blocks, *settings, "--out", world.root / name)
-        assert done.returncode == 0, done.stdout + done.stderr
-        if "pictures are drawn by the CPU: " in done.stdout + done.stderr:
-            pytest.skip(done.stderr)
-        assert ("the GPU draws no longer" in done.stdout + done.stderr) == (name == "lost")
-        runs[name] = read_trace(world.root / name)
-    fields = ("source_seq", "face", "eyes_raw", "eyes_used", "view", "method")
-    seen = {name: [[line[key] for key in fields] for line in run] for name, run in runs.items()}
-    assert seen["cpu"] == seen["auto"] == seen["gpu"] == seen["lost"]
-    drawn = {name: [line["picture"] for line in run] for name, run in runs.items()}
-    assert drawn["cpu"] == drawn["auto"] != drawn["gpu"]
-    both = list(zip(drawn["lost"], drawn["gpu"], strict=True))
-    first = [one == other for one, other in both].index(False)
-    assert first > 0 and drawn["lost"][first:] == drawn["cpu"][first:]

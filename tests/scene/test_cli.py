@@ -45,15 +45,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made.write_grid(tmp_path_factory.mktemp("views") / "scene", made.views(5, 5)[::-1])
 
 
-def test_info_for_people_names_the_override(shell: Shell, folder: Path, tmp_path: Path) -> None:
-    assert "rows reversed" in shell.text("info", folder)
-    assert "set by scene.flip" in shell.text("info", folder, "--flip", "both")
-    same = made.write_grid(
-        tmp_path / "same", np.broadcast_to(made.texture(48, 64, 2), (2, 2, 48, 64, 3))
-    )
-    assert "nothing moves between these pictures" in shell.text("info", same)
-
-
 def test_view_is_canonical_and_fractions_are_made(
     shell: Shell, folder: Path, tmp_path: Path
 ) -> None:
@@ -123,28 +114,6 @@ def test_pack_list_clean(folder: Path, tmp_path: Path) -> None:
     assert set(told) == LISTED and told["name"] is None and "damaged" in shell.text("list")
     shell.text("clean", damaged.name)
     assert not damaged.exists()
-
-
-def test_plan_says_what_is_left_out(shell: Shell, folder: Path, tmp_path: Path) -> None:
-    told = shell.json("plan", folder, "--set", "render.anaglyph=colour")
-    assert told["needs_tracking"] and told["needs_rows"]
-    assert told["planes"] == [[0], [1, 2]]
-    assert all({"what", "why", "saves"} == set(item) for item in told["left_out"])
-    made.write(tmp_path / "photo.png", made.texture(60, 80, 3))
-    assert "capture and tracking" in shell.text("plan", tmp_path / "photo.png")
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["--grid", "2"],
-        ["--set", "scene.gamma=wrong"],
-        ["--set", "scene.gamma=0"],
-        ["--layout", "unknown"],
-    ],
-)
-def test_words_of_the_user_are_checked(shell: Shell, folder: Path, words: list[str]) -> None:
-    assert isinstance(shell("info", folder, *words).exception, UserError), words
 
 
 # manifest
@@ -231,8 +200,10 @@ def test_manifest_and_json_of_a_pack_have_their_keys(shell: Shell, tmp_path: Pat
     assert facts["disparity"]["border_low_px"] == -stored["disparity"]["border_high_px"]
 
 
-def test_json_says_what_was_not_measured(shell: Shell, tmp_path: Path) -> None:
-    made.write(tmp_path / "photo.png", made.texture(60, 80, 3))
-    assert shell.json("info", tmp_path / "photo.png")["disparity"]["source"] == "unknown"
-    pack = shell.json("pack", tmp_path / "photo.png")
-    assert (pack["disparity"]["source"], pack["method"], pack["scores"]) == ("none", "nearest", {})
+def test_info_for_people_names_the_override(shell: Shell, folder: Path, tmp_path: Path) -> None:
+    assert "rows reversed" in shell.text("info", folder)
+    assert "set by scene.flip" in shell.text("info", folder, "--flip", "both")
+    same = made.write_grid(
+        tmp_path / "same", np.broadcast_to(made.texture(48, 64, 2), (2, 2, 48, 64, 3))
+    )
+    assert "nothing moves between these pictures" in shell.text("info", same)

@@ -5,16 +5,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene import layouts
 from lfpipe.scene.demo import NAMES, VERSION, demo_scene
-from lfpipe.scene.demo_drawing import Ball, Quad, draw_view
 from lfpipe.scene.demo_scenes import OFFSET_PX
-from tests.support.examples import examples
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -53,52 +49,3 @@ def test_a_cache_that_cannot_be_written_is_the_users_to_fix(tmp_path: Path) -> N
     with pytest.raises(UserError, match="demo scene") as refused:
         demo_scene(tmp_path)
     assert "scene.cache_dir" in refused.value.remedy
-
-
-offsets = st.floats(-4, 4)
-
-
-@examples(40)
-@given(offsets, offsets, st.floats(-2, 2), st.floats(-1, 1), st.floats(-1, 1))
-def test_a_quad_stands_where_its_disparity_says(
-    u: float, v: float, d: float, tilt_x: float, tilt_y: float
-) -> None:
-    """In every view, (x + d u, y + d v, d) of each covered pixel lies in the plane of the quad and
-    inside it.
-    """
-    at = np.array([(20.0, 20.0), (44.0, 20.0), (44.0, 44.0), (20.0, 44.0)])
-    slope = np.array([tilt_x, tilt_y]) / 24
-    depth = d + (at - 32) @ slope
-    texture = np.full((32, 32, 4), 255, np.uint8)
-    _, seen = draw_view([Quad(texture, np.column_stack([at, depth]))], u, v)
-    y, x = np.nonzero(np.isfinite(seen))
-    assert len(x) > 100
-    found = seen[y, x]
-    centre = np.column_stack([x + found * u, y + found * v])
-    assert np.abs(d + (centre - 32) @ slope - found).max() < 1e-3
-    assert centre.min() > 18.5 and centre.max() < 45.5
-
-
-@examples(40)
-@given(offsets, offsets, st.floats(-2, 2), st.floats(0.05, 0.6))
-def test_a_balls_points_lie_on_it_and_face_the_camera(
-    u: float, v: float, d: float, depth: float
-) -> None:
-    ball = Ball(
-        texture=np.zeros((4, 4, 3), np.uint8),
-        x=32.0,
-        y=30.0,
-        d=d,
-        radius=14.0,
-        depth=depth,
-        gloss=0.0,
-    )
-    _, seen = draw_view([ball], u, v)
-    y, x = np.nonzero(np.isfinite(seen))
-    assert len(x) > 300
-    found = seen[y, x].astype(float)
-    nx, ny, nd = (x + found * u - 32) / 14, (y + found * v - 30) / 14, (found - d) / depth
-    assert np.abs(nx**2 + ny**2 + nd**2 - 1).max() < 1e-3
-    # the ray runs along (u, v, 1) towards the camera
-    facing = nx * u / 14 + ny * v / 14 + nd / depth
-    assert facing.min() > -0.05 / depth

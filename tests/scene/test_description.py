@@ -12,7 +12,6 @@ from lfpipe.scene.description import FILE, describe_folder
 from lfpipe.scene.packing import pack_scene
 from tests.scene import made
 from tests.support.refusal import refusal
-from tests.support.world import World
 
 
 @pytest.fixture
@@ -82,10 +81,3 @@ def test_describe_writes_what_is_given_and_replaces_only_its_own_file(folder: Pa
         with pytest.raises(UserError):
             describe_folder(folder, settings)
     assert checked_source(folder, config.Scene())[0].rows == 2
-
-
-@pytest.mark.live
-def test_scene_describe_states_the_grid(world: World, folder: Path) -> None:
-    world.done("scene", "describe", folder, "--grid", "2x6")
-    assert "2x6" in world.done("scene", "info", folder).stdout
-    assert "no folder" in world.refused("scene", "describe", folder / "view00.png", "--grid", "2x6")

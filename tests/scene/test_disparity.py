@@ -9,34 +9,10 @@ import pytest
 from lfpipe.scene.disparity import (
     confirmed_share,
     estimate_disparity,
-    luma,
-    neighbour_indices,
-    quantised,
-    refined,
-    scale_for,
 )
 from lfpipe.scene.lightfield import UNKNOWN
-from lfpipe.scene.optical_flow import SMALLEST_PX, flow
-from tests.bench.inputs import wall
+from lfpipe.scene.optical_flow import flow
 from tests.scene import made
-
-
-@pytest.mark.parametrize("wrong_px", [0.4, -0.3])
-def test_refinement_pulls_a_map_to_where_all_neighbours_agree_and_leaves_flat_pictures_alone(
-    wrong_px: float,
-) -> None:
-    views = wall(3, 3, 96).views[0]
-    neighbours = [
-        (luma(views[r, c]), float(r - 1), float(c - 1)) for r, c in neighbour_indices(1, 1, 3, 3)
-    ]
-    found = np.full((96, 96), 2 + wrong_px, np.float32)
-    for _ in range(2):
-        found = refined(luma(views[1, 1]), neighbours, found)
-    inner = np.abs(found - 2)[8:-8, 8:-8]
-    assert np.median(inner) < 0.05 and np.percentile(inner, 95) < 0.2
-    flat = np.full((64, 64), 90, np.uint8)
-    found = refined(flat, [(flat, 0.0, 1.0), (flat, 1.0, 0.0)], np.full((64, 64), 1.7, np.float32))
-    np.testing.assert_allclose(found, 1.7, atol=1e-4)
 
 
 @pytest.mark.parametrize("axis", [0, 1])
@@ -48,20 +24,6 @@ def test_maps_of_a_pair_confirm_each_other_where_they_lead_back(axis: int) -> No
     steps[1, :30] = -32
     assert 0.3 < confirmed_share(steps, 0.125, axis) < 0.5
     assert confirmed_share(np.full_like(steps, UNKNOWN), 0.125, axis) == 0
-
-
-def test_scales_hold_the_range() -> None:
-    assert scale_for(-3.1, 2.7) == 1 / 16
-    for low, high in ((-14.6, 8.4), (-1.0, 30.0)):
-        scale = scale_for(low, high)
-        ends = quantised(np.array([low, high], np.float32), scale) * np.float32(scale)
-        assert np.allclose(ends, (low, high), atol=scale / 2 + 1e-6)
-
-
-def test_four_corners_of_a_wall_are_met_within_a_tenth_of_a_pixel() -> None:
-    found = estimate_disparity(wall(2, 2, 96).views[0])
-    assert found is not None
-    assert np.abs(found - 2)[:, :, 4:-4, 4:-4].mean() < 0.1
 
 
 def planar(*grid: float) -> np.ndarray:
@@ -99,11 +61,6 @@ def test_flow_is_the_same_after_a_small_picture() -> None:
             lambda pictures: flow(*pictures), (pair, pair[:, :32, :32], pair)
         )
     assert np.array_equal(before, after)
-
-
-def test_estimate_disparity_needs_two_views_that_are_not_too_small() -> None:
-    assert estimate_disparity(FIVE[:1, :1]) is None
-    assert estimate_disparity(FIVE[:, :, :, : SMALLEST_PX - 1]) is None
 
 
 def test_cameras_off_the_grid_are_divided_by_their_true_distance() -> None:

@@ -4,7 +4,6 @@ no traceback, no hang.
 Many of them go through one process, which has the packer's limits.
 """
 
-import contextlib
 import io
 import json
 import os
@@ -24,16 +23,12 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
-from hypothesis import given
-from hypothesis import strategies as st
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.files.pictures import read_picture
 from lfpipe.host.limits import MemoryLimit
 from lfpipe.scene import layouts
 from lfpipe.scene.analysis import analyse_scene
-from lfpipe.scene.files import read_pfm
 from lfpipe.scene.packer import MEMORY_BYTES
 from lfpipe.scene.packing import pack_scene
 from tests.scene import heic, made
@@ -50,7 +45,6 @@ from tests.scene.writers import (
     stanford,
     together,
 )
-from tests.support.examples import examples
 from tests.support.hostile_files import (
     NO_FILES,
     PEAK_MB,
@@ -272,17 +266,6 @@ NUMBERS = (
 )
 
 
-EDGES = (0, 1, 127, 255, 256, 32767, 65535, 1 << 24, (1 << 31) - 1, 1 << 31, (1 << 63) - 1)
-
-
-def with_wrong_number(rng: random.Random, data: bytes) -> bytes:
-    """data with one binary number of its beginning at the edge of a type."""
-    size, order = rng.choice((1, 2, 4, 8)), rng.choice(("<", ">"))
-    begin = rng.randrange(min(len(data), 4000) + 1)
-    number = rng.choice(EDGES) % (1 << 8 * size)
-    return data[:begin] + struct.pack(order + "_BH_I___Q"[size], number) + data[begin + size :]
-
-
 def damage(rng: random.Random, folder: Path) -> None:
     """Does something to one file of a scene: to its bytes, to numbers in its bytes, text or name,
     or puts no file in its place.
@@ -297,17 +280,16 @@ def damage(rng: random.Random, folder: Path) -> None:
     numbers = list(re.finditer(rb"-?\d+(\.\d+)?(e[+-]?\d+)?", data[:2000]))
     start, end = rng.choice(numbers).span() if numbers else (0, 0)
     new = re.sub(r"\d+", lambda part: rng.choice((part[0], *NUMBERS, "\udcff"))[:40], path.name)
-    kind = rng.randrange(7)
-    if kind >= 5:
-        path.write_bytes(with_wrong_number(rng, data))
-    elif kind <= 1:
+    kind = rng.randrange(5)
+    if kind <= 1:
         path.write_bytes(damaged_bytes(rng, data[:head]) + data[head:])
     elif kind == 2:
         path.write_bytes(data[:start] + rng.choice(NUMBERS).encode() + data[end:])
     elif kind == 3:
         path.rename(path.with_name(new or "x"))
     else:
-        NO_FILES[rng.choice(sorted(set(NO_FILES) - {"directory"}))](path)
+        # of 4 GB as much is read as a TIFF may have
+        NO_FILES[rng.choice(sorted(set(NO_FILES) - {"directory", "4 GB"}))](path)
 
 
 def all_attacks(base: Path) -> dict[str, str]:
@@ -403,15 +385,6 @@ def test_what_is_no_file_neither_blocks_nor_is_read(tmp_path: Path, kind: str) -
             )
 
 
-@pytest.mark.timeout(60)
-def test_things_beside_the_views_do_no_harm(tmp_path: Path) -> None:
-    made.write_grid(tmp_path, GRID)
-    os.mkfifo(tmp_path / "notes.txt")
-    (tmp_path / "loop").symlink_to("loop")
-    (tmp_path / "locked.txt").touch(mode=0)
-    assert analyse_scene(tmp_path, config.Scene()).source.rows == 3
-
-
 def test_paths_of_any_bytes_work(tmp_path: Path, scene_config: config.Scene) -> None:
     for name in (b"\xff\xfe", b"sc\xe9ne", "日本".encode(), b"a b;'\"", b"\x1b[2J\x07"):
         # OpenCV alone crashes at such a path
@@ -429,13 +402,6 @@ def test_paths_of_any_bytes_work(tmp_path: Path, scene_config: config.Scene) -> 
     pack_scene(base, config.Scene(cache_dir=scene_config.cache_dir + os.fsdecode(b"-\xff")))
 
 
-def test_a_name_does_not_make_lines_of_its_own(tmp_path: Path) -> None:
-    assert all(
-        len(opened(tmp_path / name, config.Scene()).splitlines()) == 2
-        for name in ("a\nerror: x", "a\rb")
-    )
-
-
 @pytest.mark.parametrize("name", ["", "view_01_01.png"])
 def test_permissions_are_named(tmp_path: Path, as_nobody: list[str], name: str) -> None:
     locked = made.write_grid(tmp_path / "views", GRID) / name
@@ -444,14 +410,3 @@ def test_permissions_are_named(tmp_path: Path, as_nobody: list[str], name: str) 
     code, _, err, _ = ended([*as_nobody, sys.executable, *words])
     locked.chmod(0o755)
     assert code == 2 and str(locked) in err and "cannot be read: Permission denied" in err
-
-
-@examples(60)
-@given(st.binary(max_size=400))
-def test_parsers_of_small_files(tmp_path_factory: pytest.TempPathFactory, body: bytes) -> None:
-    path = tmp_path_factory.getbasetemp() / "fuzzed"
-    for head in (b"", b"Pf\n4 4\n-1.0\n", b"P6\n4 4\n1023\n", b"\x89PNG\r\n\x1a\n"):
-        path.write_bytes(head + body)
-        for parser in (read_pfm, read_picture):
-            with contextlib.suppress(UserError):
-                parser(path)

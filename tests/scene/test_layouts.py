@@ -12,7 +12,6 @@ import pytest
 import scipy.io
 
 from lfpipe import config
-from lfpipe.errors import UserError
 from lfpipe.scene import layouts
 from lfpipe.scene.files import read_pfm
 from lfpipe.scene.layouts._likeness import find_tiles
@@ -23,9 +22,7 @@ from tests.scene import made
 from tests.scene.writers import (
     HCI,
     Make,
-    below,
     files,
-    film,
     grid,
     h5,
     numbered,
@@ -174,30 +171,6 @@ def test_mat_both_versions_and_types(tmp_path: Path, modern: bool, dtype: str) -
     assert np.abs(views - GRID / 255).max() < 1e-4
 
 
-OPTIONS: list[dict[str, Any]] = [
-    {},
-    {"compression": "gzip", "fletcher32": True, "shuffle": True},
-    {"compression": "lzf"},
-]
-
-
-@pytest.mark.parametrize(
-    "views",
-    [
-        GRID,
-        GRID[..., :1],
-        GRID[..., 0],
-        np.random.default_rng(1).integers(0, 255, GRID.shape, np.uint8),
-    ],
-)
-@pytest.mark.parametrize("options", OPTIONS)
-def test_ways_to_pack_hdf5(tmp_path: Path, views: np.ndarray, options: dict[str, Any]) -> None:
-    for name, values in (("a.h5", views), ("a.mat", views.transpose())):
-        source = layouts.describe(h5(values, name, **options)(tmp_path), AUTO)
-        read = np.array([[source.read(0, r, c) for c in range(4)] for r in range(3)])
-        assert np.array_equal(read, views.reshape(read.shape))
-
-
 @pytest.mark.parametrize(
     ("rows", "cols", "px"), [(9, 9, 96), (5, 7, 110), (15, 15, 64), (2, 3, 180)]
 )
@@ -212,22 +185,6 @@ def test_tiles_may_be_no_whole_number_of_px(rows: int, cols: int, px: int, scale
     assert max(off) <= 0.5
 
 
-def test_what_repeats_by_no_share_of_a_picture_is_no_mosaic() -> None:
-    """A wall of windows: 64 px and 80 px apart in 997 x 1201 px."""
-    rng = np.random.default_rng(4)
-    wall = np.full((997, 1201), 150.0)
-    for y, x in np.ndindex(12, 18):
-        wall[80 * y + 20 : 80 * y + 64, 64 * x + 18 : 64 * x + 48] = 90 + 5 * rng.normal()
-    wall += rng.normal(0, 4, wall.shape)
-    assert find_tiles(np.clip(wall, 0, 255).astype(np.uint8)) is None
-
-
-def test_a_grid_in_the_name_is_used_unless_the_picture_contradicts_it() -> None:
-    picture = made.mosaic(made.views(4, 6, 90, 120))
-    for name, expected in (("sheet_2x6", (4, 6)), ("sheet_4x6", (4, 6))):
-        assert find_tiles(picture, name) == expected
-
-
 @pytest.mark.parametrize(
     ("scale", "order"), [("-1", "<f4"), ("-0.25", "<f4"), ("1.0", ">f4"), ("300", ">f4")]
 )
@@ -239,22 +196,3 @@ def test_the_scale_of_a_pfm_map_is_its_byte_order_only(
         f"Pf\n4 3\n{scale}\n".encode() + values[::-1].astype(order).tobytes()
     )
     np.testing.assert_allclose(read_pfm(tmp_path / "x.pfm"), values, rtol=1e-6)
-
-
-@pytest.mark.parametrize("scale", ["0x10", "nan", ""])
-def test_a_pfm_map_without_a_scale_is_refused(tmp_path: Path, scale: str) -> None:
-    (tmp_path / "x.pfm").write_bytes(f"Pf\n4 3\n{scale}\n".encode() + bytes(48))
-    with pytest.raises(UserError, match=r"x\.pfm: not a readable PFM map"):
-        read_pfm(tmp_path / "x.pfm")
-
-
-def test_light_field_video_from_pictures_and_from_a_file(tmp_path: Path) -> None:
-    grids = [GRID, made.views(3, 4, 64, 80, 1.8)]
-    pictures = [made.mosaic(views) for views in grids]
-    below("frames", numbered(pictures, "frame_{:04d}.png"))(tmp_path)
-    film(pictures, "lf.mkv", "FFV1")(tmp_path)
-    for path, rate_hz in ((tmp_path / "frames", 25.0), (tmp_path / "lf.mkv", 12.0)):
-        source = described(path, "mosaic-video")
-        assert (source.frames, source.rows, source.cols, source.frame_rate_hz) == (2, 3, 4, rate_hz)
-        for frame in (1, 0, 1):  # backwards too
-            assert np.abs(source.read(frame, 0, 3).astype(int) - grids[frame][0, 3]).mean() < 2

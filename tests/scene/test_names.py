@@ -7,15 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
 from lfpipe import config
 from lfpipe.scene import layouts
 from lfpipe.scene.layouts._likeness import find_columns
-from lfpipe.scene.layouts._names import is_map, read_names
-from lfpipe.scene.source import GridTransform
+from lfpipe.scene.layouts._names import read_names
 from tests.scene import made
 from tests.support.examples import examples
 
@@ -37,7 +36,6 @@ TEXTS = st.sampled_from(
         "K",
     ]
 )
-SEPARATORS = st.sampled_from(["_", "-", " ", "x", "_r", "__", "."])
 PAIRS = [
     ("_", "_"),
     ("-", "-"),
@@ -87,49 +85,6 @@ def schemes(draw: st.DrawFn) -> tuple[dict[str, tuple[int, int]], list[str]]:
     return names, draw(st.sampled_from([[], ["thumbs.png"], ["all views 12.jpg", "depth.png"]]))
 
 
-@given(
-    st.integers(2, 9),
-    st.integers(2, 9),
-    st.integers(-200, 200),
-    st.integers(-200, 200),
-    st.sampled_from([0.25, 0.5, 1.25, 2.5, 5, 10]),
-    st.sampled_from([0.25, 0.5, 1.25, 2.5, 5, 10]),
-    st.sampled_from(
-        [
-            "view_{y:.2f}_{x:.2f}",
-            "eye {y:.2f} {x:.2f} mm",
-            "cam_y{y:.2f}_x{x:.2f}",
-            "p_{y:+.2f}_{x:+.2f}",
-        ]
-    ),
-)
-def test_coordinates_of_any_sign_are_rows_and_columns(
-    rows: int, cols: int, y0: int, x0: int, dy: float, dx: float, text: str
-) -> None:
-    index = {
-        text.format(y=y0 / 4 + dy * r, x=x0 / 4 + dx * c) + ".png": (r, c)
-        for r in range(rows)
-        for c in range(cols)
-    }
-    numbered = read_names(tuple(sorted(index)))
-    assert numbered is not None
-    assert (numbered.rows, numbered.cols, numbered.runs, set(numbered.views.values())) == (
-        rows,
-        cols,
-        False,
-        set(index),
-    )
-    # A sign before every number may be a separator,
-    # so the order is that of the files or its reverse.
-    assert any(
-        all(
-            GridTransform(*flips).file_index(*place, rows, cols) == index[name]
-            for place, name in numbered.views.items()
-        )
-        for flips in product((False, True), repeat=2)
-    )
-
-
 @examples(300)
 @given(schemes())
 def test_row_and_column_are_found_in_any_scheme(
@@ -140,25 +95,6 @@ def test_row_and_column_are_found_in_any_scheme(
     assert numbered is not None and not numbered.runs
     placed = {name: index for index, name in numbered.views.items()}
     assert placed == names or placed == {name: index[::-1] for name, index in names.items()}
-
-
-@examples(100)
-@given(
-    TEXTS,
-    SEPARATORS,
-    st.integers(1, 6),
-    st.integers(0, 2000),
-    st.integers(3, 130),
-    st.sampled_from(["", "_GT", "_2"]),
-)
-def test_a_likeness_number_is_no_grid(
-    text: str, mark: str, width: int, start: int, count: int, end: str
-) -> None:
-    names = [f"{text}{mark}{number:0{width}d}{end}.jpg" for number in range(start, start + count)]
-    assume(len(set(names)) == count)
-    numbered = read_names(tuple(sorted(names)))
-    assert numbered is not None and numbered.runs
-    assert [numbered.views[0, k] for k in range(count)] == names
 
 
 FOLDERS = {  # by row and column of 3x4 views
@@ -210,41 +146,6 @@ def test_columns_of_a_likeness_number(rows: int, cols: int, near_px: float, orde
     run = find_columns(lambda k: line[k], [True] * len(line), None)
     shape = (cols, rows) if order == "cols" and rows > 1 else (rows, cols)
     assert run is not None and (run.rows, run.cols) == shape
-
-
-@pytest.mark.parametrize("seed", [3, 4, 18])
-def test_a_grid_that_noise_and_light_hide_is_doubted(seed: int) -> None:
-    grid = made.views(5, 3, 48, 64, 1.0, -0.5)[..., 1]
-    rng = np.random.default_rng(seed)
-    hidden = grid * rng.normal(1, 0.1, (5, 3, 1, 1)) + rng.normal(0, 20, grid.shape)
-    line = hidden.clip(0, 255).astype(np.uint8).reshape(15, 48, 64)
-    run = find_columns(line.__getitem__, [True] * 15)
-    assert run is not None and run.doubt
-
-
-def test_twenty_thousand_unrelated_names_are_read_at_once() -> None:
-    rng = np.random.default_rng(0)
-    words = [
-        "holiday",
-        "beach",
-        "cat",
-        "dog",
-        "DSC",
-        "IMG",
-        "scan",
-        "photo",
-        "final",
-        "new",
-        "copy",
-    ]
-    names = {
-        "_".join(rng.choice(words, 3, False))
-        + f"_{rng.integers(10**6)}.{rng.choice(['jpg', 'png'])}"
-        for _ in range(20_000)
-    }
-    # in a second; comparing each family with each other took minutes
-    numbered = read_names(tuple(sorted(names)))
-    assert numbered is not None and len(numbered.views) < 100
 
 
 def spread(text: str, rows: range, cols: range) -> list[str]:
@@ -334,13 +235,6 @@ def test_real_names_say_what_they_say() -> None:
         if reading != expected:
             wrong.append(f"{kind}: {reading}, expected {expected}")
     assert not wrong, "\n".join(wrong)
-
-
-def test_names_of_maps_are_no_names_of_views() -> None:
-    maps = ("class", "seg", "gt", "label", "normal", "flow", "depth", "mask", "confidence_map")
-    assert all(is_map(f"{name}_0000") for name in maps)
-    views = ("flower", "classic", "conference", "right", "view", "target")
-    assert not any(is_map(f"{name}_0000") for name in views)
 
 
 def taken(path: Path, view: np.ndarray, second: float) -> None:

@@ -5,7 +5,6 @@ is said.
 from itertools import product
 from typing import Any
 
-import attrs
 import cv2
 import numpy as np
 import pytest
@@ -13,11 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe import config
-from lfpipe.scene import layouts
 from lfpipe.scene.analysis import grid_offsets
 from lfpipe.scene.layouts._grid import coordinate_turn
 from lfpipe.scene.orientation import orient
-from lfpipe.scene.plausibility import FITS, measure_views
 from lfpipe.scene.source import GridTransform
 from tests.scene import made
 from tests.scene.made import TURNS, as_source, turned
@@ -54,16 +51,6 @@ def test_one_way_motion_decides_all_but_depth_inversion(more: dict[str, Any]) ->
     assert found.turn in (GridTransform(cols=True), GridTransform(rows=True))
 
 
-@given(st.booleans(), st.booleans(), st.booleans(), st.integers(1, 6), st.integers(1, 6))
-def test_a_turn_visits_every_place_once(
-    flip_rows: bool, flip_cols: bool, transpose: bool, rows: int, cols: int
-) -> None:
-    turn = GridTransform(flip_rows, flip_cols, transpose)
-    file_rows, file_cols = turn.grid(rows, cols)
-    seen = {turn.file_index(r, c, rows, cols) for r in range(rows) for c in range(cols)}
-    assert seen == {(r, c) for r in range(file_rows) for c in range(file_cols)}
-
-
 @given(
     st.booleans(),
     st.booleans(),
@@ -87,45 +74,6 @@ def test_coordinates_give_the_turn_and_the_jitter(
     assert np.abs(offsets).max() < 0.3
     # The regular grid is a fit, so what is left has no mean.
     assert np.abs(offsets.mean(axis=(0, 1))).max() < 1e-5
-
-
-SCENES = {
-    "atlas_jarabo_toys_9x9": ("mosaic", 9, 9, GridTransform()),
-    "hci_antinous": ("hci", 9, 9, GridTransform()),
-    "hci_old_stillLife_3x3": ("rows-cols", 3, 3, GridTransform()),
-    "hci_style_vr_newshot01": ("hci", 9, 9, GridTransform()),
-    "hci_old_monasroom_2x2": ("rows-cols", 2, 2, GridTransform()),
-    "lfvideo_airplane_8x8": ("mosaic-video", 8, 8, GridTransform()),
-    "lytro_illum_field": ("rows-cols", 9, 9, GridTransform()),
-    "lytro_2067": ("rows-cols", 9, 9, GridTransform()),
-    "quilt_4x8": ("mosaic-video", 1, 32, GridTransform()),
-    "stanford_lego_knights_17x17": ("stanford", 17, 17, GridTransform(rows=True, cols=True)),
-}
-
-
-@pytest.mark.parametrize("name", SCENES)
-def test_sample_scenes_need_no_override(name: str) -> None:
-    if not (made.SAMPLES / name).is_dir():
-        pytest.skip(f"sample scene {name} is not here")
-    source = layouts.describe(made.SAMPLES / name, AUTO)
-    found = orient(source, AUTO)
-    assert (source.layout, source.rows, source.cols, found.turn) == SCENES[name]
-    assert found.depth_order_sure != ("depth order" in found.undecided)
-    # plausible, as is every fourth view of it
-    rows, cols = (source.rows + 3) // 4, (source.cols + 3) // 4
-    for views in (
-        source,
-        attrs.evolve(
-            source, rows=rows, cols=cols, read=lambda f, r, c: source.read(f, 4 * r, 4 * c)
-        ),
-    ):
-        measured = measure_views(views)
-        assert measured is None or measured.explained > FITS + 0.5
-    # flow agrees, or says that it does not know
-    if name in ("hci_antinous", "stanford_lego_knights_17x17"):
-        blind = orient(attrs.evolve(source, turn=None, truth={}, coordinates=None), AUTO)
-        assert (blind.by, blind.depth_order_sure) == ("flow", name == "hci_antinous")
-        assert not blind.depth_order_sure or (blind.turn, blind.undecided) == (found.turn, "")
 
 
 def disturbed(grid: np.ndarray, kind: int) -> np.ndarray:

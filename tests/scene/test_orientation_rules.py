@@ -5,103 +5,16 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from lfpipe import config
 from lfpipe.scene.lightfield import OrderSource
-from lfpipe.scene.orientation import ALIKE, Axis, Orientation, measure_axis, orient, same_way
+from lfpipe.scene.orientation import Orientation, orient
 from lfpipe.scene.source import GridTransform, SceneSource
 from tests.scene import made
 from tests.scene.made import TURNS
 from tests.scene.made import as_source as source
 
 AUTO = config.Scene()
-
-
-def axis(disparity: np.ndarray, reliable: np.ndarray | None = None) -> Axis:
-    whole = np.ones(disparity.shape, bool) if reliable is None else reliable
-    return Axis(
-        sideways=True,
-        disparity=disparity.astype(np.float32),
-        reliable=whole,
-        along_px=1.0,
-        across_px=0.0,
-        right=0,
-        wrong=0,
-    )
-
-
-@given(st.floats(0.2, 5), st.booleans(), st.integers(0, 99))
-def test_axes_agree_as_their_disparities_correlate(scale: float, reverse: bool, seed: int) -> None:
-    values = np.random.default_rng(seed).normal(0, 1, (20, 30))
-    sign = -1 if reverse else 1
-    assert same_way(axis(values), axis(sign * scale * values + 3)) == pytest.approx(sign, abs=1e-4)
-    assert (
-        abs(
-            same_way(
-                axis(values), axis(np.random.default_rng(seed + 100).normal(0, 1, values.shape))
-            )
-        )
-        < ALIKE
-    )
-    few = np.zeros(values.shape, bool)
-    few.ravel()[:199] = True
-    assert same_way(axis(values, few), axis(values)) == 0.0
-    few.ravel()[199] = True
-    assert same_way(axis(values), axis(values, few)) == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize(
-    ("first", "second", "alike"),
-    [
-        (1.0, 1.0, 0.9),
-        (1.0, -1.0, -0.9),
-        (1.0, 1.9, 0.9),
-        (1.0, 2.1, 0.0),
-        (1.0, 0.45, 0.0),
-        (0.25, 0.25, 0.0),
-        (-2.0, -1.5, 0.9),
-    ],
-)
-def test_a_flat_wall_moves_as_one_and_by_as_much_along_both_axes(
-    first: float, second: float, alike: float
-) -> None:
-    rng = np.random.default_rng(0)
-    walls = [
-        axis(at + rng.normal(0, noise, (20, 30))) for at, noise in ((first, 1e-3), (second, 1e-3))
-    ]
-    assert same_way(*walls) == pytest.approx(alike, abs=0.15)
-    constant = axis(np.full((20, 30), first)), axis(np.full((20, 30), second))
-    assert same_way(*constant) == alike
-    assert same_way(axis(np.full((20, 30), first)), axis(np.full((20, 30), 2 * first))) == 0.0, (
-        "by twice as much"
-    )
-    leaning = axis(first + rng.normal(0, 0.05 * abs(first), (20, 30)))
-    other = axis(leaning.disparity * second / first + rng.normal(0, 0.03 * abs(second), (20, 30)))
-    correlated = np.corrcoef(leaning.disparity.ravel(), other.disparity.ravel())[0, 1]
-    assert same_way(leaning, other) == pytest.approx(correlated), (
-        "what correlates says more than a mean"
-    )
-    rough = [axis(at + rng.normal(0, 0.4 * abs(at), (20, 30))) for at in (first, second)]
-    assert abs(same_way(*rough)) < 0.3, "no wall: it varies"
-
-
-@pytest.mark.parametrize("sideways", [True, False])
-@pytest.mark.parametrize("px", [-1.5, 0.5, 2.0])
-def test_an_axis_is_measured_by_what_moves(sideways: bool, px: float) -> None:
-    grid = made.views(1, 7, 96, 128, px, px)[0, ..., 1]
-    views = grid if sideways else grid.swapaxes(1, 2)
-    found = measure_axis(lambda k: views[k], len(views))
-    assert found is not None and found.sideways is sideways
-    assert found.along_px == pytest.approx(
-        abs(px), rel=0.2, abs=0.1
-    ) and found.across_px < 0.1 + 0.1 * abs(px)
-    assert np.median(found.disparity[found.reliable]) == pytest.approx(px, rel=0.1)
-    assert (
-        measure_axis(lambda k: views[k], 1) is None
-        and measure_axis(lambda k: views[k], 2) is not None
-    )
 
 
 HABIT: dict[str, Any] = {"turn": GridTransform(), "turn_by": "habit", "turn_firm": False}

@@ -2,10 +2,8 @@
 once.
 """
 
-import gc
 import os
 import shutil
-import time
 from collections.abc import Callable
 from functools import partial
 from operator import attrgetter
@@ -18,7 +16,6 @@ import pytest
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.render.plan import make_plan
 from lfpipe.render.synthesis.scoring import scores
 from lfpipe.scene import cache
 from lfpipe.scene.lightfield import LightField
@@ -87,26 +84,6 @@ def test_a_pack_holds_the_views_planar_and_the_disparity_and_is_made_once(
     assert pack().name == "scene" and seen == []
     made.write(folder / "input_Cam004.png", made.views(3, 3)[0, 0])
     assert pack().folder != field.folder
-
-
-def test_threads_that_change_places_anywhere_write_a_pack(
-    folder: Path, scene_config: config.Scene
-) -> None:
-    """Python 3.11's parser fails when another thread parses meanwhile, as numpy does for the header
-    of an .npy file.
-    """
-
-    def change_places(*_: object) -> None:
-        time.sleep(0)
-
-    often = gc.get_threshold()
-    gc.callbacks.append(change_places)
-    gc.set_threshold(20)
-    try:
-        assert pack_scene(folder, scene_config).complete
-    finally:
-        gc.callbacks.remove(change_places)
-        gc.set_threshold(*often)
 
 
 VIEWS = made.views(3, 3)
@@ -192,21 +169,6 @@ def test_a_pack_has_what_its_scene_and_settings_say(
     for name, value in expected.items():
         assert attrgetter(name)(field) == value, name
     assert views is None or np.array_equal(pictures(field), views)
-
-
-def test_a_pair_without_confirmed_disparity_is_shown_as_stored(
-    tmp_path: Path, scene_config: config.Scene
-) -> None:
-    left, right = made.views(1, 2)[0]
-    for name, shuffled in (("whole", False), ("torn", True)):
-        blocks = np.split(right, 16, axis=1)
-        order = np.random.default_rng(7).permutation(16) if shuffled else range(16)
-        made.write(tmp_path / name / "a_left.png", left)
-        made.write(tmp_path / name / "a_right.png", np.concatenate([blocks[k] for k in order], 1))
-        field = pack_scene(tmp_path / name, scene_config, scores)
-        plan = make_plan(field, config.Config())
-        told = [one.why for one in plan.left_out if "confirmed by both" in one.why]
-        assert (field.method == "nearest") == bool(told) == shuffled
 
 
 @pytest.mark.parametrize("row", [0, 2], ids=["corner", "middle"])
@@ -303,17 +265,6 @@ def test_the_first_picture_needs_the_views_in_the_middle_only(
     whole = pack_scene(folder, scene_config)
     assert whole.complete and np.array_equal(pictures(whole), grid)
     assert whole.folder == seen[0].folder and left_over(scene_config) == []
-
-
-def test_a_link_in_one_pack_hides_no_other(tmp_path: Path, scene_config: config.Scene) -> None:
-    for name in ("a", "b"):
-        pack_scene(
-            made.write_grid(tmp_path / name, made.views(2, 2, 24, 32 + 8 * (name == "b"))),
-            scene_config,
-        )
-    for pack in (tmp_path / "cache" / "scenes").iterdir():
-        (pack / "loop").symlink_to("loop")
-    assert len(cache.packs(scene_config)) == 2
 
 
 def test_only_packs_are_removed(tmp_path: Path, scene_config: config.Scene) -> None:

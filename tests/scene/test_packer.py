@@ -16,7 +16,6 @@ from PIL import Image
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.host.file_lock import waited_for
 from lfpipe.scene import cache
 from lfpipe.scene.open_scene import (
     PackerRequest,
@@ -173,13 +172,3 @@ def test_the_packer_ends_with_its_parent(folder: Path, scene_config: config.Scen
     )
     pid = int(run.stdout)
     until(lambda: not runs(pid), "end of the child", 20)
-
-
-def test_who_waits_for_another_packer_says_so(folder: Path, scene_config: config.Scene) -> None:
-    locks = cache.prepare_cache(scene_config) / "locks"
-    with (
-        waited_for(locks / cache.key_of(folder, scene_config), lambda: None),
-        closing(Packing(PackerRequest(scenes=[folder], settings=scene_config))) as packing,
-    ):
-        packing.wait(lambda: packing.step.startswith("waiting"))
-        assert not packing.done

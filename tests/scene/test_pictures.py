@@ -20,9 +20,8 @@ from lfpipe.scene.orientation import orient
 from lfpipe.scene.packer import playlist
 from tests.scene import heic, made
 from tests.scene.writers import Make, files, film, one, together
-from tests.support.depth_photos import dynamic_depth, gdepth, with_xmp
+from tests.support.depth_photos import dynamic_depth, gdepth
 from tests.support.films import write_stamped
-from tests.support.hostile_files import with_exif
 
 AUTO = config.Scene()
 LEFT, RIGHT = made.views(1, 3, 192, 256, 6.0, -3.0)[0, ::2]
@@ -189,74 +188,6 @@ def test_a_stereo_video_follows_the_rules_of_a_picture(tmp_path: Path, name: str
     assert still.turn == found.turn
 
 
-def alternating(first: np.ndarray, second: np.ndarray, lines: bool, columns: bool) -> np.ndarray:
-    """A picture whose lines, columns or squares are of either eye."""
-    y, x = np.indices(first.shape[:2])
-    return np.where(((lines * y + columns * x) % 2 == 1)[..., None], second, first)
-
-
-CONTAINERS = {  # Matroska's StereoMode, and the picture of each
-    "left_right": BESIDE,
-    "right_left": np.hstack([RIGHT, LEFT]),
-    "top_bottom": OVER,
-    "bottom_top": np.vstack([RIGHT, LEFT]),
-    "row_interleaved_lr": alternating(LEFT, RIGHT, True, False),
-    "row_interleaved_rl": alternating(RIGHT, LEFT, True, False),
-    "col_interleaved_lr": alternating(LEFT, RIGHT, False, True),
-    "col_interleaved_rl": alternating(RIGHT, LEFT, False, True),
-    "checkerboard_lr": alternating(LEFT, RIGHT, True, True),
-    "checkerboard_rl": alternating(RIGHT, LEFT, True, True),
-}
-
-
-@pytest.mark.parametrize("mode", CONTAINERS)
-def test_the_container_of_a_film_states_arrangement_and_order(tmp_path: Path, mode: str) -> None:
-    pytest.importorskip("av")
-    frames, stamps = [CONTAINERS[mode]] * 6, range(0, 240, 40)
-    path = write_stamped(tmp_path / "film_BT.mkv", frames, stamps, stereo_mode=mode)
-    found = analyse_scene(path, AUTO)
-    source = found.source
-    assert (source.layout, source.cols, source.frames) == ("stereo", 2, 6)
-    assert not found.orientation.undecided
-    assert any("name says otherwise" in note for note in source.notes) == (mode != "bottom_top")
-    eyes = [
-        cv2.resize(eye, (source.width_px, source.height_px), interpolation=cv2.INTER_AREA)
-        for eye in (LEFT, RIGHT)
-    ]
-    seen = source.read(0, *found.orientation.turn.file_index(0, 0, 1, 2)).astype(int)
-    assert np.abs(seen - eyes[0]).mean() < 0.7 * np.abs(seen - eyes[1]).mean()
-
-
-@pytest.mark.parametrize(
-    ("value", "frame"), [(1, OVER), (2, BESIDE), (4, np.hstack([RIGHT, LEFT])), (0, BESIDE)]
-)
-def test_a_box_of_mp4_states_arrangement_and_order(
-    tmp_path: Path, value: int, frame: np.ndarray
-) -> None:
-    pytest.importorskip("av")
-    path = write_stamped(tmp_path / "film.mp4", [frame] * 6, range(0, 240, 40))
-    path.write_bytes(path.read_bytes() + b"\0\0\0\x0dst3d\0\0\0\0" + bytes([value]))
-    found = analyse_scene(path, AUTO)
-    assert (found.source.layout, found.source.cols) == ("stereo", 2)
-    assert bool(found.orientation.undecided) == (value == 0)
-    left = found.source.read(0, *found.orientation.turn.file_index(0, 0, 1, 2)).astype(int)
-    off = [np.abs(left - eye).mean() for eye in (LEFT, RIGHT)]
-    assert off[0] < off[1] or value == 0
-
-
-def test_a_spatial_video_that_cannot_be_decoded_is_named_with_a_command(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Whose second layer is only declared."""
-    av = pytest.importorskip("av")
-    path = write_stamped(tmp_path / "IMG_0421.mov", [LEFT] * 6, range(0, 240, 40))
-    path.write_bytes(path.read_bytes() + b"\0\0\0\x08lhvC")
-    monkeypatch.setitem(av.library_versions, "libavcodec", (61, 3, 100))
-    with pytest.raises(UserError, match="spatial video") as refused:
-        layouts.describe(path, AUTO)
-    assert "hstack" in refused.value.remedy and "av>=14" in refused.value.remedy
-
-
 @pytest.mark.parametrize("name", ["DSCF0042.AVI", "a.mkv", "a.mov"])
 @pytest.mark.parametrize("pair", [True, False])
 def test_two_streams_are_a_pair_or_named(
@@ -367,29 +298,17 @@ def test_depth_in_a_photograph_is_read_however_it_is_spelt(tmp_path: Path, kind:
 
 
 @pytest.mark.parametrize(
-    ("data", "named"),
-    [
-        (jpeg(PICTURE), False),
-        (jpeg(PICTURE) + VIDEO, False),
-        (jpeg(PICTURE) + b"SEFT DualShot_DepthMap_1" + bytes(50), True),
-        (jpeg(PICTURE) + FAR_JPEG, True),
-        (dynamic_depth(jpeg(PICTURE), [("Depth", b"no picture" * 9)]), True),
-        (dynamic_depth(jpeg(PICTURE), [("GainMap", jpeg(FLOOR))]), False),
-        (gdepth(jpeg(PICTURE), b"no picture", {}), True),
-        (with_xmp(jpeg(PICTURE), "<x"), False),
-        (gdepth(jpeg(PICTURE), b"", {"Data": "x"}), True),
-    ],
+    ("value", "frame"), [(1, OVER), (2, BESIDE), (4, np.hstack([RIGHT, LEFT])), (0, BESIDE)]
 )
-def test_data_that_may_be_depth_and_are_not_read_are_named(
-    tmp_path: Path, data: bytes, named: bool
+def test_a_box_of_mp4_states_arrangement_and_order(
+    tmp_path: Path, value: int, frame: np.ndarray
 ) -> None:
-    source = layouts.describe(one("IMG.jpg", data)(tmp_path), AUTO)
-    assert source.layout == "picture"
-    assert any("IMG_depth.png" in note for note in source.notes) == named
-
-
-def test_depth_in_a_turned_photograph_turns_with_it(tmp_path: Path) -> None:
-    source = layouts.describe(one("upright.jpg", PORTRAIT)(tmp_path), AUTO)
-    turned = layouts.describe(one("turned.jpg", with_exif(PORTRAIT, 6))(tmp_path), AUTO)
-    upright = source.truth[2, 4]() / source.width_px
-    assert np.allclose(turned.truth[2, 4]() / turned.width_px, np.rot90(upright, -1), atol=1e-4)
+    pytest.importorskip("av")
+    path = write_stamped(tmp_path / "film.mp4", [frame] * 6, range(0, 240, 40))
+    path.write_bytes(path.read_bytes() + b"\0\0\0\x0dst3d\0\0\0\0" + bytes([value]))
+    found = analyse_scene(path, AUTO)
+    assert (found.source.layout, found.source.cols) == ("stereo", 2)
+    assert bool(found.orientation.undecided) == (value == 0)
+    left = found.source.read(0, *found.orientation.turn.file_index(0, 0, 1, 2)).astype(int)
+    off = [np.abs(left - eye).mean() for eye in (LEFT, RIGHT)]
+    assert off[0] < off[1] or value == 0

@@ -75,22 +75,3 @@ def test_poses_that_are_there_are_used_and_others_are_named_with_the_reason(
     assert any(said in note and "transforms.json" in note for note in source.notes) or any(
         said in note and "0002.png" in note for note in source.notes
     )
-
-
-def test_a_grid_with_a_missing_picture_has_a_hole(tmp_path: Path) -> None:
-    grid = made.views(3, 4)
-    folder = posed(tmp_path, grid, np.random.default_rng(2).permutation(12).tolist())
-    (folder / "images" / "0004.png").unlink()
-    source = layouts.describe(folder, config.Scene())
-    assert (source.layout, source.rows, source.cols, len(source.missing)) == ("poses", 3, 4, 1)
-    for row, col in source.places:
-        assert np.array_equal(source.read(0, row, col), grid[row, col])
-
-
-def test_files_of_poses_that_are_none_are_named(tmp_path: Path) -> None:
-    made.write_grid(tmp_path, made.views(1, 7), "v_{c}.png")
-    for text in ("x", "[]", "{}", '{"frames": 3}'):
-        (tmp_path / "transforms.json").write_text(text)
-        source = layouts.describe(tmp_path, config.Scene())
-        assert source.layout == "numbered"
-        assert any("transforms.json" in note for note in source.notes)

@@ -1,24 +1,19 @@
 """What a picture file says beats its ending and its custom; what it holds besides is named."""
 
-import contextlib
 import struct
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from PIL import Image
 
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header, read_picture
 from lfpipe.scene import layouts
-from lfpipe.scene.packer import playlist
-from lfpipe.scene.video import Video
 from tests.scene import made
 from tests.scene.test_pictures import jpeg
 from tests.scene.writers import one
-from tests.support.films import write_av1
 from tests.support.stereo_files import (
     DISPARITY,
     THUMBNAIL,
@@ -66,18 +61,6 @@ def test_the_index_of_a_jpeg_decides_whatever_its_ending(
     assert order(path) == ["left", "right"]
     notes = " ".join(layouts.describe(path, AUTO).notes)
     assert ("2 more pictures" in notes) == (len(pictures) == 4)
-
-
-def test_a_card_of_pairs_and_their_flat_twins_is_a_playlist_of_pairs(tmp_path: Path) -> None:
-    pair = indexed([jpeg(LEFT), jpeg(RIGHT)], [DISPARITY] * 2)
-    for number in range(3):
-        one(f"HNI_{number:04d}.MPO", pair)(tmp_path)
-        one(f"HNI_{number:04d}.JPG", jpeg(LEFT))(tmp_path)
-    with pytest.raises(UserError, match="3 files hold a stereo pair each") as refused:
-        layouts.describe(tmp_path, AUTO)
-    assert str(tmp_path / "HNI_0000.MPO") in refused.value.remedy
-    shown = [tmp_path / f"HNI_{number:04d}.MPO" for number in range(3)]
-    assert playlist([tmp_path], AUTO) == (shown, 3)
 
 
 BESIDE, ABOVE, INTERLEAVED, LEFT_FIRST, HALF_WIDTH = 2, 3, 1, 4, 2
@@ -132,43 +115,3 @@ def test_turned_tiff_files_open_upright(tmp_path: Path, orientation: int, deep: 
     assert np.array_equal(pixels, turned[orientation])
     header = open_header(tmp_path / "a.tif")
     assert (header.height_px, header.width_px) == pixels.shape[:2]
-
-
-def test_transparent_parts_are_grey_and_said(tmp_path: Path) -> None:
-    hidden = np.dstack([VIEWS[0, 0], np.zeros((48, 64), np.uint8)])
-    hidden[:, :32, 3] = 255
-    for mode, ending in (("RGBA", "png"), ("RGBA", "webp"), ("RGBA", "tif"), ("LA", "png")):
-        Image.fromarray(hidden).convert(mode).save(tmp_path / f"a.{ending}", lossless=True)
-        pixels, _ = read_picture(tmp_path / f"a.{ending}")
-        assert (pixels[:, 32:] == 128).all() and pixels[:, :32].std() > 5
-    palette = Image.fromarray(VIEWS[0, 0]).quantize(4)
-    palette.save(tmp_path / "a.png", transparency=bytes(4))
-    assert (read_picture(tmp_path / "a.png")[0] == 128).all()
-    (tmp_path / "views").mkdir()
-    for row, col in np.ndindex(3, 3):
-        view = np.dstack([VIEWS[row, col], np.full((48, 64), 250, np.uint8)])
-        Image.fromarray(view).save(tmp_path / "views" / f"view_{row:02d}_{col:02d}.png")
-    notes = " ".join(layouts.describe(tmp_path / "views", AUTO).notes)
-    assert "over grey: view_00_00.png" in notes and "5 more" in notes
-
-
-def test_a_codec_that_opencv_lacks_is_read_by_pyav_or_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pytest.importorskip("av")
-    line = made.views(1, 6, 96, 128, 3.0, 0.5)[0]
-    path = write_av1(tmp_path / "slide.mp4", line)
-    video = Video(path)
-    assert (video.frames, video.width_px, video.height_px) == (6, 128, 96)
-    for frame in (3, 0, 5):
-        assert np.abs(video.rgb(frame).astype(int) - line[frame]).mean() < 12
-    whole = path.read_bytes()
-    for at in range(0, len(whole), len(whole) // 40):
-        path.write_bytes(whole[:at] + bytes(40) + whole[at + 40 :])
-        with contextlib.suppress(UserError):
-            Video(path).rgb(0)
-    path.write_bytes(whole)
-    monkeypatch.setattr("lfpipe.scene.video.find_spec", lambda name: None)
-    with pytest.raises(UserError, match=r"\(codec (av01|AV01)\)") as refused:
-        Video(path)
-    assert "H.264" in refused.value.remedy and " av, " in refused.value.remedy

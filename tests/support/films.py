@@ -1,9 +1,7 @@
 """Films for tests."""
 
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from fractions import Fraction
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -46,24 +44,3 @@ def write_stamped(
             container.mux(stream.encode(frame))
         container.mux(stream.encode())
     return path
-
-
-def write_av1(path: Path, frames: NDArray[Any]) -> Path:
-    """An AV1 video of RGB frames; returns its path. A process of its own encodes: as root, SVT-AV1
-    gives the thread that calls it a real-time policy, which all processes started later inherit.
-    """
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as other:
-        other.submit(_encode_av1, path, frames).result()
-    return path
-
-
-def _encode_av1(path: Path, frames: NDArray[Any]) -> None:
-    import av
-
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("libsvtav1", rate=10, options={"preset": "10", "crf": "10"})
-        stream.height, stream.width = frames.shape[1:3]
-        stream.pix_fmt = "yuv420p"
-        for frame in frames:
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format="rgb24")))
-        container.mux(stream.encode())

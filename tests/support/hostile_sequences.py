@@ -9,7 +9,6 @@ import hashlib
 import json
 import random
 import zlib
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -128,13 +127,8 @@ def damage(rng: random.Random, *paths: Path) -> str:
         hostile.NO_FILES[kind](path)
         return f"{kind} as {path.name}"
     data = path.read_bytes()
-    damaged: dict[str, Callable[[], bytes]] = {
-        ".json": lambda: hostile.damaged_json(rng, json.loads(data)),
-        ".jsonl": lambda: hostile.damaged_lines(rng, list(map(json.loads, data.splitlines()))),
-        ".csv": lambda: hostile.damaged_table(rng, data.decode()),
-    }
-    if path.suffix in damaged:
-        path.write_bytes(damaged[path.suffix]())
+    if path.suffix in (".json", ".jsonl", ".csv"):
+        path.write_bytes(hostile.damaged_text(rng, data))
     elif rng.random() < 0.3:
         path.write_bytes(hostile.damaged_bytes(rng, data))
     else:

@@ -64,12 +64,6 @@ def backdrop(seed: int = 1) -> Picture:
     return np.asarray(cv2.resize(small, SIZE, interpolation=cv2.INTER_CUBIC), np.uint8)
 
 
-def eye_distance_px(name: str) -> float:
-    """Distance between the eyes in a portrait, as marked by hand."""
-    _, eyes = portrait(name)
-    return float(np.hypot(*(eyes[0] - eyes[1])))
-
-
 @lru_cache(maxsize=8)
 def _cut_out(name: str, eye_distance_px: float) -> tuple[Picture, NDArray[np.float32]]:
     """A portrait, blurred so that a warp to eye_distance_px does not alias, and the soft mask (H,

@@ -56,16 +56,6 @@ def test_eye_tracker_takes_an_implausible_face_for_none(change: dict[str, Any]) 
     assert tracker.update(FACE, 6 * FRAME_NS) and tracker.seen
 
 
-def test_faces_of_every_distance_and_lean_are_plausible() -> None:
-    for scale in (0.06, 1.0, 12.0):
-        x0, y0, x1, y1 = (scale * value for value in FACE.box_px)
-        assert Face(scale * FACE.eyes_px, 1.0, (x0, y0, x1, y1), scale * 62).plausible
-    profile = Face(
-        np.array([[300.0, 240.0], [296.0, 240.0]]), 0.9, (250.0, 180.0, 350.0, 330.0), 60.0
-    )
-    assert profile.plausible
-
-
 @pytest.mark.parametrize(("speed_px_s", "held"), [(10.0, True), (300.0, False)])
 def test_a_face_that_moves_is_not_held_when_its_confidence_falls(
     speed_px_s: float, held: bool

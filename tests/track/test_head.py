@@ -4,7 +4,6 @@ they are.
 
 import math
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -12,11 +11,8 @@ from hypothesis import strategies as st
 
 from lfpipe.config import Config, updated
 from lfpipe.eyes import EYES
-from lfpipe.track.head import MODEL, Head, HeadEstimator, head_rotation
-from lfpipe.track.litert_engine import LitertEngine
-from lfpipe.track.mediapipe_engine import MediapipeEngine
+from lfpipe.track.head import MODEL, Head, HeadEstimator
 from tests.support.examples import examples
-from tests.track.people import FACES, needs_faces, needs_mediapipe
 
 SIZE = (640, 480)
 EYE_DISTANCE_MM = 63.0
@@ -93,19 +89,6 @@ def test_a_head_before_the_screen_is_found_where_it_is(
         np.testing.assert_allclose(eye_mm, expected, atol=3)
 
 
-def test_the_axes_are_those_that_are_documented() -> None:
-    record = np.zeros((), EYES)
-    # in an unmirrored picture: to the viewer's right, and above
-    record["filtered_px"] = [[200, 100], [140, 100]]
-    record["eye_distance_px"], record["width_px"], record["height_px"], record["face"] = (
-        60,
-        *SIZE,
-        1,
-    )
-    head = head_in(Config(), record)
-    assert head.position_mm[0] > 0 and head.position_mm[1] > 0 and head.position_mm[2] > 0
-
-
 def test_the_depth_is_smoothed_and_forgotten_after_a_loss() -> None:
     config = Config()
     near, far = (
@@ -143,37 +126,3 @@ def test_predicted_eyes_are_ahead_by_their_velocity() -> None:
     assert now is not None and later is not None
     focal_px = 320 / math.tan(math.radians(28))
     assert later.position_mm[0] - now.position_mm[0] == pytest.approx(5 * 600 / focal_px, rel=0.01)
-
-
-@examples(30)
-@given(st.lists(st.floats(width=32), min_size=30, max_size=30))
-def test_whatever_the_points_the_rotation_is_one(values: list[float]) -> None:
-    found = head_rotation(np.array(values, np.float32).reshape(10, 3))
-    np.testing.assert_allclose(found @ found.T, np.eye(3), atol=1e-6)
-    assert np.linalg.det(found) == pytest.approx(1)
-
-
-@needs_faces
-@pytest.mark.parametrize(
-    "engine", [LitertEngine, pytest.param(MediapipeEngine, marks=needs_mediapipe)]
-)
-def test_portraits_turned_to_either_side(engine: type[LitertEngine]) -> None:
-    tracker = engine()
-    estimator = HeadEstimator(Config())
-    record = np.zeros((), EYES)
-    # straight, to their right, to their left
-    for kind, low, high in (("1m", -10, 10), ("3m", 10, 45), ("4m", -45, -10)):
-        path = next((FACES / "imm").glob(f"02-{kind}.*"))
-        picture = np.asarray(cv2.imread(str(path)), np.uint8)
-        tracker.reset()
-        face = [tracker.detect(picture) for _ in range(3)][-1]
-        assert face is not None and face.head_px is not None
-        record["face"] = 1
-        record["filtered_px"] = face.eyes_px
-        record["eye_distance_px"] = face.eye_distance_px
-        record["head_px"], record["width_px"], record["height_px"] = face.head_px, *SIZE
-        estimator.update(record, T0_NS)
-        head = estimator.head(record)
-        assert head is not None and low <= head.yaw_deg <= high, (kind, head)
-        assert abs(head.pitch_deg) < 25 and abs(head.roll_deg) < 10
-    tracker.close()

@@ -2,7 +2,6 @@
 good and bad.
 """
 
-import hashlib
 import stat
 import sys
 import zipfile
@@ -12,8 +11,6 @@ import pytest
 from click.testing import CliRunner
 
 from lfpipe.cli import cli
-from lfpipe.cli.prepare import with_engine
-from lfpipe.config import Config, Track
 from lfpipe.errors import UserError
 from lfpipe.track import models
 from lfpipe.track.face_networks import LitertNetworks
@@ -55,17 +52,6 @@ def write_wheel(path: Path, contents: dict[str, bytes]) -> Path:
     return path
 
 
-def fake_installer(path: Path, lines: str) -> None:
-    path.write_text(f"#!{sys.executable}\nimport sys, shutil, pathlib\n{lines}\n")
-    path.chmod(path.stat().st_mode | stat.S_IXUSR)
-
-
-def test_every_network_that_an_engine_loads_has_its_checksum(contents: dict[str, bytes]) -> None:
-    assert [hashlib.sha256(each).hexdigest() for each in contents.values()] == list(
-        models.SHA256.values()
-    )
-
-
 def test_networks_of_a_wheel_run_without_the_package(bare: Path, wheel: Path) -> None:
     assert len(models.missing_models()) == len(models.SHA256)
     with pytest.raises(UserError, match=r"face_landmark\.tflite is missing.*\n.*lfpipe models get"):
@@ -102,6 +88,11 @@ def test_a_bad_wheel_changes_nothing(
     assert not bare.exists()
 
 
+def fake_installer(path: Path, lines: str) -> None:
+    path.write_text(f"#!{sys.executable}\nimport sys, shutil, pathlib\n{lines}\n")
+    path.chmod(path.stat().st_mode | stat.S_IXUSR)
+
+
 @pytest.mark.parametrize("tool", ["uv", "pip"])
 def test_either_installer_fetches_by_name_and_says_so(
     bare: Path, wheel: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tool: str
@@ -119,21 +110,3 @@ def test_either_installer_fetches_by_name_and_says_so(
     assert models.fetch_models(said.append) == bare
     assert "36 MB" in said[0] and str(bare) in said[1]
     assert not models.missing_models()
-
-
-def test_what_keeps_the_networks_from_being_fetched_is_reported(bare: Path, tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="neither uv nor pip"):
-        models.fetch_models(print)
-    fake_installer(tmp_path / "uv", "sys.exit('no route to the index')")
-    with pytest.raises(UserError, match="exit status 1") as error:
-        models.fetch_models(print)
-    assert "--from WHEEL" in error.value.remedy
-
-
-def test_up_falls_back_to_litert_and_fetches_its_networks(
-    bare: Path, wheel: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(models, "fetch_models", lambda say: models.install_models(wheel))
-    config = with_engine(Config(track=Track(engine="mediapipe")))
-    assert config.track.engine == "litert" and not models.missing_models()
-    assert "mediapipe has no FaceMesh here" in capsys.readouterr().err

@@ -11,11 +11,8 @@ import pytest
 
 from lfpipe.track.litert_engine import LitertEngine
 from tests.track.people import (
-    FACES,
-    SIZE,
     Picture,
     backdrop,
-    eye_distance_px,
     near,
     needs_faces,
     placed,
@@ -24,7 +21,6 @@ from tests.track.people import (
 
 pytestmark = needs_faces
 VIEWER, BYSTANDER, OTHER = "01-1m", "04-1m", "08-1f"
-LIDS = (281, 236), (397, 217)  # of the person who blinks
 
 
 def poster(picture: Picture, seed: int, x: int, y: int, side: int) -> Picture:
@@ -140,60 +136,6 @@ def test_the_viewer_among_several_faces(story: str) -> None:
     assert [place for place in places if not near(seen[place[0]], *place[1:])] == []
 
 
-def blinking() -> tuple[Picture, Picture]:
-    """A person with open eyes, and the same picture with the upper lids closed as four frames
-    later.
-    """
-    video = cv2.VideoCapture(str(next((FACES / "fgnet").glob("*.avi"))))
-    frames = [np.asarray(video.read()[1][48:528, 40:680], np.uint8) for _ in range(171)]
-    opened, closed = frames[166], frames[170]
-    grey, goal = (
-        cv2.cvtColor(frame[120:460, 180:480], cv2.COLOR_BGR2GRAY) for frame in (opened, closed)
-    )
-    still = np.full_like(grey, 255)
-    still[70:135] = 0  # all but the eyes
-    start = np.eye(2, 3, dtype=np.float32)
-    _, found = cv2.findTransformECC(grey, goal, start, cv2.MOTION_AFFINE, inputMask=still)
-    warp = np.asarray(found)
-    warp[:, 2] = warp[:, 2] + (180, 120) - warp[:, :2] @ (180, 120)
-    moved = cv2.warpAffine(
-        closed,
-        warp,
-        SIZE,
-        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-        borderMode=cv2.BORDER_REPLICATE,
-    )
-    lids = np.zeros((SIZE[1], SIZE[0]), np.float32)
-    for x, y in LIDS:
-        cv2.ellipse(lids, (x, y), (34, 20), -10, 0, 360, 1.0, -1)
-    share = cv2.GaussianBlur(lids, (0, 0), 4)[..., None]
-    return opened, np.asarray(np.rint(share * moved + (1 - share) * opened), np.uint8)
-
-
-def test_a_blink_moves_the_eyes_less_than_its_lids() -> None:
-    opened, closed = blinking()
-    seen = watched([opened] * 20 + [closed] * 6)
-    before, during = (
-        np.mean([one.raw_px for one in some], axis=0) for some in (seen[10:20], seen[21:26])
-    )
-    assert abs(during[1] - before[1]) < 0.032 * seen[15].eye_distance_px, (
-        "the mean over both lids sinks by 4.1 %, this one by 2.6 %"
-    )
-
-
-@pytest.mark.parametrize("person", ["01", "06"])
-def test_a_head_that_turns_stays_at_its_distance(person: str) -> None:
-    """Seen from the side the eyes stand closer together; the distance that alpha follows must not.
-
-    Both portraits keep the scale of their photographs, which were taken from the same place.
-    """
-    frontal_px, aside_px = (eye_distance_px(f"{person}-{kind}m") for kind in (1, 3))
-    frontal = placed(backdrop(), f"{person}-1m", 300, 220, 60.0)
-    aside = placed(backdrop(), f"{person}-3m", 300, 220, 60.0 * aside_px / frontal_px)
-    seen = watched([frontal] * 5 + [aside] * 10)
-    assert seen[-1].eye_distance_px == pytest.approx(seen[4].eye_distance_px, rel=0.06)
-
-
 @pytest.mark.parametrize("turn", [90, 180])
 def test_a_face_that_does_not_stand_upright_is_a_hint_and_no_viewer(turn: int) -> None:
     engine = LitertEngine()
@@ -203,64 +145,6 @@ def test_a_face_that_does_not_stand_upright_is_a_hint_and_no_viewer(turn: int) -
         assert engine.detect(picture) is None, "upside down, left is right"
         hints.append(engine.rotated_deg)
     assert set(hints) == {0, turn}, "decided once"
-
-
-MASKED = [("06-5m", (90, 60, 160), 20), ("10-2m", (200, 190, 170), 10), ("10-1m", (30, 30, 30), 20)]
-
-
-@pytest.mark.parametrize(("name", "colour", "up_px"), MASKED)
-def test_a_face_behind_a_mask_is_found(name: str, colour: tuple[int, int, int], up_px: int) -> None:
-    """In a region turned by quarters the network is a trace surer of it; upside down it would be
-    surer by far.
-    """
-    picture = placed(backdrop(), name, 300, 200, 60)
-    cv2.ellipse(picture, (300, int(270 - 0.6 * up_px)), (60, 52), 0, 0, 360, colour, -1)
-    assert near(watched([picture] * 4)[1:], 300, 200, 8)
-
-
-@pytest.mark.parametrize("name", ["03-1m", "03-2m", "07-1m"])
-def test_a_lying_head_is_no_viewer_or_has_its_own_eyes(name: str) -> None:
-    found = {
-        roll_deg: LitertEngine().detect(placed(backdrop(), name, 320, 240, 60, roll_deg))
-        for roll_deg in (-88, -85, -75, 0, 75, 85)
-    }
-    assert found[0] is not None
-    assert all(face is None or abs(face.lean_deg - deg) < 10 for deg, face in found.items())
-
-
-# outlines in distances between the eyes, from their middle
-MASK = [(-0.95, 0.55), (-0.4, 0.42), (0, 0.32), (0.4, 0.42), (0.95, 0.55), (0.85, 1.35)]
-MASK += [(0.45, 1.8), (0, 1.92), (-0.45, 1.8), (-0.85, 1.35)]
-FRAME = [(-1.05, -0.32), (1.05, -0.32), (1.05, 0.36), (0.2, 0.36), (0.1, 0.15), (-0.1, 0.15)]
-FRAME += [(-0.2, 0.36), (-1.05, 0.36)]
-LENS = [(0.14, -0.2), (0.86, -0.2), (0.86, 0.25), (0.2, 0.25)]
-
-
-def masked_with_glasses(name: str) -> Picture:
-    """A person with a shaded mask and red/cyan film glasses, eyes 60 px apart around (300, 200)."""
-    face = placed(backdrop(), name, 300, 200, 60).astype(np.float32)
-    light = cv2.GaussianBlur(face.mean(axis=2), (0, 0), 15)[..., None]
-    light = np.clip(light / max(float(light[248, 300, 0]), 30.0), 0.5, 1.3)
-    mirrored = [(-x, y) for x, y in LENS]
-    film = 0.75 * face
-    for outline, colour in (
-        (MASK, light * (200, 170, 120)),
-        (FRAME, np.full_like(face, 235)),
-        (LENS, film * (0.95, 0.85, 0.08) + 12),
-        (mirrored, film * (0.1, 0.1, 0.9) + 12),
-    ):
-        filled = np.zeros(face.shape[:2], np.float32)
-        corners = np.rint(16 * (60 * np.array(outline) + (300, 200))).astype(np.int32)
-        cv2.fillPoly(filled, [corners], 1.0, cv2.LINE_AA, 4)
-        share = cv2.GaussianBlur(filled, (0, 0), 1)[..., None]
-        face += share * (colour - face)
-    return np.asarray(np.clip(np.rint(face), 0, 255), np.uint8)
-
-
-@pytest.mark.parametrize("name", ["03-1m", "04-1m", "10-1m"])
-def test_a_face_behind_a_mask_and_film_glasses_is_found(name: str) -> None:
-    """The landmark network is not sure of it, but the detector is."""
-    assert near(watched([masked_with_glasses(name)] * 15)[1:], 300, 200, 10)
 
 
 def test_a_photograph_stays_out_after_recentre() -> None:
@@ -286,35 +170,3 @@ def test_a_hand_before_the_face_does_not_pull_the_eyes(name: str) -> None:
     seen = watched([picture] * 30 + frames + [picture] * 30)
     pulled = [float(np.hypot(*(one.used_px - (300, 220)))) for one in seen if one.face]
     assert max(pulled) < 0.14 * 60 and pulled[-1] < 2
-
-
-def test_a_head_that_moves_behind_an_uncertain_network_is_followed() -> None:
-    """Holding ends where the face moves by more than a hand can pull it."""
-    dark = [placed(backdrop(), VIEWER, 200 + 6 * max(k - 20, 0), 220, 60) for k in range(50)]
-    frames = [
-        frame if k < 20 else np.asarray(cv2.GaussianBlur(frame, (0, 0), 5), np.uint8)
-        for k, frame in enumerate(dark)
-    ]
-    seen = watched(frames)
-    assert seen[-1].face and np.hypot(*(seen[-1].used_px - (374, 220))) < 12
-
-
-def test_hands_before_the_face_lose_no_frame() -> None:
-    """Everything below the eyes is covered step by step.
-
-    A face that is followed stays, where a new one would not be found.
-    """
-    followed, found = 0, 0
-    for name in ("01-1m", "03-1m", "06-1m"):
-        engine = LitertEngine()
-        picture = placed(backdrop(), name, 300, 220, 80)
-        engine.detect(picture)
-        for top_px in range(290, 226, -10):
-            picture[top_px:] = (120, 150, 200)
-            face = engine.detect(picture)
-            assert (
-                face is not None
-                and np.abs(face.eyes_px.mean(axis=0) - (300, 220)).max() < 0.06 * 80
-            )
-            followed, found = followed + 1, found + (LitertEngine().detect(picture) is not None)
-    assert found < followed

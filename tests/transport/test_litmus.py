@@ -1,5 +1,5 @@
-"""The ring on a machine that reorders memory accesses: with all of its fences nothing is torn, and
-none can be left out. Every execution is tried, with the accesses that the code itself makes.
+"""The ring on a machine that reorders memory accesses: nothing is torn, and (tests/faults.toml) no
+fence can be left out. Every execution is tried, with the accesses that the code itself makes.
 
 The real `Writer` and `Reader` run on arrays that record each load, store and fence. The model then
 lets each thread make its accesses in every order that its fences allow: two accesses stay in order
@@ -9,8 +9,6 @@ than any of these machines. The values that an execution loads are given to the 
 takes or refuses them.
 """
 
-import linecache
-import sys
 from collections.abc import Callable, Iterator
 from typing import Any, Literal, TypeVar
 
@@ -22,8 +20,6 @@ from lfpipe.transport import ring
 from lfpipe.transport.ring import Reader, Stamp, Writer
 
 SLOTS, PUBLISHED = 3, 5  # the least number of slots; so many are published meanwhile
-# function, and number in it
-FENCES = ("begin 1", "publish 1", "_next 1", "_stamp 1", "still_valid 1")
 Way = Literal["read", "read_next", "peek"]
 WAYS: tuple[Way, ...] = ("read", "read_next", "peek")
 Place = tuple[str, int]  # what, of which slot
@@ -47,22 +43,12 @@ class _NoMoreValues(Exception):
 class _Trace:
     """What a thread does, in the order of its program. loads: the values that it gets, in turn."""
 
-    def __init__(self, without: str = "", loads: tuple[int, ...] = ()) -> None:
+    def __init__(self, loads: tuple[int, ...] = ()) -> None:
         self.accesses: list[Access] = []
-        self._without = without
         self._loads = iter(loads)
 
     def fence(self) -> None:
-        caller = sys._getframe(1)
-        lines = sorted(
-            {
-                line
-                for _, _, line in caller.f_code.co_lines()
-                if line and _is_fence(caller.f_code.co_filename, line)
-            }
-        )
-        if f"{caller.f_code.co_name} {lines.index(caller.f_lineno) + 1}" != self._without:
-            self.accesses.append(Access(None))
+        self.accesses.append(Access(None))
 
     def load(self, place: Place) -> int:
         self.accesses.append(Access(place))
@@ -73,10 +59,6 @@ class _Trace:
 
     def store(self, place: Place, value: int) -> None:
         self.accesses.append(Access(place, int(value)))
-
-
-def _is_fence(file: str, line: int) -> bool:
-    return linecache.getline(file, line).strip().startswith("fence()")
 
 
 class _Counter:
@@ -154,8 +136,8 @@ def _traced(trace: _Trace, act: Callable[[], T]) -> T:
         return act()
 
 
-def writer_program(without: str) -> list[Access]:
-    trace = _Trace(without)
+def writer_program() -> list[Access]:
+    trace = _Trace()
     writer = _on(trace, Writer, own=True)
 
     def act() -> None:
@@ -189,13 +171,13 @@ def _take(trace: _Trace, way: Way, last_seq: int) -> tuple[Stamp, Any] | None:
     return _traced(trace, act)
 
 
-def reader_program(without: str, way: Way, last_seq: int, p: int) -> tuple[list[Access], int]:
+def reader_program(way: Way, last_seq: int, p: int) -> tuple[list[Access], int]:
     """The accesses of a read that finds p published, and the number of the slot that it takes."""
     number = max(last_seq + 1, p - SLOTS + 2) if way == "read_next" else p
     loads = {"peek": (p, number, number, p, number, number, p)}.get(
         way, (p, number, number, number, number, p)
     )
-    trace = _Trace(without, loads)
+    trace = _Trace(loads)
     assert _take(trace, way, last_seq) is not None, "nothing in the way of this read"
     return trace.accesses, number
 
@@ -252,15 +234,15 @@ def executions(writer: list[Access], reader: list[Access], p: int) -> Iterator[t
                 todo.append(key)  # type: ignore[arg-type]
 
 
-def verdict(without: str = "") -> str:
+def verdict() -> str:
     """ "whole", or the first fault found: "torn" or "refused in vain"."""
-    writer = writer_program(without)
+    writer = writer_program()
     for way in WAYS:
         for p in range(1, PUBLISHED + 1):
             for last_seq in {p - 1, max(0, p - SLOTS)} if way == "read_next" else {p - 1}:
-                reader, number = reader_program(without, way, last_seq, p)
+                reader, number = reader_program(way, last_seq, p)
                 for values in set(executions(writer, reader, p)):
-                    taken = _take(_Trace("", values), way, last_seq)
+                    taken = _take(_Trace(values), way, last_seq)
                     if taken is None and values[-1] == number:  # nothing was published meanwhile
                         return f"refused in vain: {way}, {values}"
                     if taken is not None and {
@@ -274,14 +256,3 @@ def verdict(without: str = "") -> str:
 
 def test_ring_gives_whole_slots_in_every_execution() -> None:
     assert verdict() == "whole"
-
-
-@pytest.mark.parametrize("name", FENCES)
-def test_ring_without_a_fence_is_torn(name: str) -> None:
-    assert verdict(name) != "whole"
-
-
-def test_ring_has_these_fences() -> None:
-    programs = [writer_program(""), *(reader_program("", way, 0, 1)[0] for way in WAYS)]
-    fences = [sum(access.place is None for access in program) for program in programs]
-    assert fences == [2 * PUBLISHED, 2, 2, 3]

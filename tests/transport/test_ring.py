@@ -175,19 +175,3 @@ def test_reader_cannot_write_nor_close_while_lent(
     assert view[0, 0] == 0
     del view
     reader._memory.close()
-
-
-@given(
-    st.lists(st.integers(1, 70), min_size=1, max_size=3),
-    st.sampled_from(["u1", "<f4", "<i8"]),
-    st.integers(3, 9),
-)
-def test_ring_spec_stride_is_whole_pages(shape: list[int], kind: str, slots: int) -> None:
-    spec = RingSpec(tuple(shape), np.dtype(kind), slots)
-    assert spec.payload_bytes == np.zeros(shape, kind).nbytes
-    room = spec.stride - spec.payload_bytes - ring.SLOT_HEADER
-    assert (
-        spec.stride % ring.PAGE == 0
-        and 0 <= room < ring.PAGE
-        and spec.size_bytes == ring.PAGE + slots * spec.stride
-    )

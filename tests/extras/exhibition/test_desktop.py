@@ -1,6 +1,5 @@
 """`lfpipe desktop`: its files are valid, name this program and go again."""
 
-import os
 import shutil
 import subprocess
 import sys
@@ -25,18 +24,3 @@ def test_desktop_entries_are_valid_and_go_again(world: World) -> None:
     removed = world.run("desktop", "remove").stdout.splitlines()
     assert removed == [str(entry), str(opens), str(icon)]
     assert not [path for path in data.rglob("*") if path.is_file()]
-
-
-@pytest.mark.nightly
-def test_desktop_shows_a_refusal_in_a_dialog_only_where_it_began(world: World) -> None:
-    seen = world.root / "seen"
-    dialog = world.root / "bin" / "zenity"
-    dialog.parent.mkdir()
-    dialog.write_text(f'#!/bin/sh\nfor word; do :; done; echo "$word" > {seen}\n')
-    dialog.chmod(0o755)
-    world.env["PATH"] = f"{dialog.parent}:{os.environ['PATH']}"
-    world.refused("up", "nowhere", "--display", "none")
-    assert not seen.exists()
-    menu = [sys.executable, "-m", "lfpipe.extras.exhibition", "up", "nowhere", "--display", "none"]
-    assert subprocess.run(menu, env=world.env).returncode == 2
-    assert "nowhere: no such scene" in seen.read_text()

@@ -48,62 +48,6 @@ def test_kiosk_moves_with_nobody_there_and_obeys_the_code_alone(
 
 
 @pytest.mark.nightly
-@needs_xdotool
-def test_kiosk_without_a_camera_follows_a_touch(world: World, scene: Path, screen: Screen) -> None:
-    world.env |= {"DISPLAY": screen.name, "LFPIPE_KIOSK_CODE": "bye42"}
-    process = world.up(scene, scene, "--kiosk", camera="camera:none such", display="fullscreen")
-
-    def moves() -> None:
-        seen = set[bytes]()
-
-        def enough() -> bool:
-            seen.add(screen.picture().tobytes())
-            return len(seen) > 20
-
-        world.wait_for(enough, "views in motion")
-
-    moves()
-    world.xdotool("mousemove", 2, 200, "mousedown", 1)
-    world.wait_for(
-        lambda: [line["view"]["left"][1] for line in world.lines()[-9:]] == 9 * [0.0],
-        "the view at the pointer",
-    )
-    world.xdotool("mouseup", 1)
-    moves()
-    world.xdotool("type", "--delay", 30, "bye42")
-    told = world.ended(process)
-    assert "waits for its camera" in told and "Tab" not in told
-
-
-@pytest.mark.nightly
-@needs_xdotool
-def test_visitors_and_time_step_through_the_scenes_of_a_kiosk(
-    world: World, scene: Path, screen: Screen
-) -> None:
-    """A visitor of a locked window saw the first scene alone."""
-    world.env |= {"DISPLAY": screen.name, "LFPIPE_KIOSK_CODE": "bye42"}
-    other = shutil.copytree(scene, world.root / "other")
-
-    def at() -> int:
-        return int(world.ask(cmd="hello")["options"]["playlist_at"])
-
-    process = world.up(scene, other, "--kiosk", display="fullscreen")
-    world.more_pictures(10)
-    width_px, height_px = screen.picture().shape[1::-1]
-    assert at() == 0
-    world.xdotool("mousemove", width_px // 2, height_px - 40, "click", 1)
-    world.wait_for(lambda: at() == 1, "the scene of the button")
-    world.xdotool("type", "--delay", 30, "bye42")
-    world.ended(process)
-    process = world.up(scene, other, "--kiosk", "--every", 1, "--overwrite", display="fullscreen")
-    for place in (1, 0, 1):
-        world.wait_for(lambda place=place: at() == place, "the next scene")
-    world.xdotool("type", "--delay", 30, "bye42")
-    world.ended(process)
-    assert "--every needs --kiosk" in world.run("up", scene, "--every", 5).stderr
-
-
-@pytest.mark.nightly
 def test_kiosk_install_writes_a_unit_of_systemd(world: World, scene: Path) -> None:
     odd = world.root / 'a "100 %" $HOME'
     scene_there = shutil.copytree(scene, odd)

@@ -3,20 +3,17 @@ processor does. Here a software renderer runs it.
 """
 
 import ctypes
-import re
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import attrs
 import cv2
 import numpy as np
 import pytest
 
-import lfpipe
 from lfpipe.config import Render
-from lfpipe.config.tree import Anaglyph, Method
+from lfpipe.config.tree import Anaglyph
 from lfpipe.extras.gpu import painter as subject
 from lfpipe.extras.gpu.painter import Gpu, open_gpu
 from lfpipe.render.synthesis.compositor import Compositor
@@ -24,21 +21,7 @@ from lfpipe.render.synthesis.painter import open_painters
 from lfpipe.render.synthesis.viewpoint import Position
 from lfpipe.scene.lightfield import UNKNOWN, LightField
 from tests.render import rendered
-from tests.render.difficult import KINDS, scene
-from tests.scene.made import SAMPLES
 
-SCENES = (
-    "atlas_jarabo_toys_9x9",
-    "hci_antinous",
-    "hci_old_monasroom_2x2",
-    "hci_old_stillLife_3x3",
-    "hci_style_vr_newshot01",
-    "lfvideo_airplane_8x8",
-    "lytro_2067",
-    "lytro_illum_field",
-    "quilt_4x8/example01.png",
-    "stanford_lego_knights_17x17",
-)
 ALIKE_DB = 45.0
 VIEWPOINTS = 20
 
@@ -129,12 +112,6 @@ def test_every_output_is_that_of_the_processor(gpu: Gpu, anaglyph: Anaglyph) -> 
         assert worst_db(gpu, SMOOTH, how) >= ALIKE_DB, light
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_surfaces_that_defeat_a_warp_look_the_same(gpu: Gpu, kind: str) -> None:
-    field, _ = scene(kind)
-    assert worst_db(gpu, field, Render(method="warp2", anaglyph="mono")) >= ALIKE_DB
-
-
 def test_views_that_do_not_fit_take_the_place_of_others(
     gpu: Gpu, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -150,16 +127,6 @@ def test_another_frame_of_a_live_scene_is_uploaded(gpu: Gpu) -> None:
     drawn.replace(other)
     exact = Compositor(other, how).compose((1.5, 1.2), (1.5, 2.7))
     assert cv2.PSNR(exact, drawn.compose((1.5, 1.2), (1.5, 2.7))) >= ALIKE_DB
-
-
-@pytest.mark.parametrize("method", ["nearest", "blend"])
-def test_what_is_not_warped_is_left_to_the_processor(gpu: Gpu, method: Method) -> None:
-    for field in (SMOOTH, rendered.field(3, 3, depth=False)):
-        how = Render(method=method)
-        exact, drawn = (
-            Compositor(field, how, gpu=one).compose((1.3, 0.2), (1.3, 1.1)) for one in (None, gpu)
-        )
-        np.testing.assert_array_equal(exact, drawn)
 
 
 def test_after_a_lost_context_the_processor_draws(thread: ThreadPoolExecutor, gpu: Gpu) -> None:
@@ -183,34 +150,9 @@ def test_after_a_lost_context_the_processor_draws(thread: ThreadPoolExecutor, gp
         )
 
 
-def test_auto_takes_no_renderer_in_software(
-    thread: ThreadPoolExecutor, gpu: Gpu, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(subject, "has_gpu", lambda: True)
-    opened, words = open_gpu("auto", thread)
-    assert (opened is None) == (subject.SOFTWARE.search(gpu.name) is not None)
-    assert gpu.name in words
-    monkeypatch.setattr(subject, "SOFTWARE", re.compile("nothing"))
-    opened, words = open_gpu("auto", thread)
-    assert opened is not None and words == f"GPU: {gpu.name}"
-    monkeypatch.setattr(subject, "has_gpu", lambda: False)
-    assert open_gpu("auto", thread) == (None, "CPU: no GPU found")
-
-
 def test_without_gpu_or_library_the_processor_draws_and_says_why(
     thread: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert open_painters("cpu", thread) == (None, "CPU")
     monkeypatch.setitem(sys.modules, "moderngl", None)
     assert open_painters("gpu", thread) == (None, "CPU: the extra gpu is not installed")
-
-
-@pytest.mark.nightly  # packs every scene
-@pytest.mark.parametrize("name", SCENES)
-def test_captured_scenes_look_the_same(gpu: Gpu, name: str, tmp_path: Path) -> None:
-    if not (SAMPLES / name).exists():
-        pytest.skip(f"sample scene {name} is not here")
-    field = lfpipe.open_scene(SAMPLES / name, {"scene.cache_dir": str(tmp_path)})
-    # warped even where a cross-fade is better
-    field = attrs.evolve(field, method="warp2")
-    assert worst_db(gpu, field, Render()) >= ALIKE_DB

@@ -8,17 +8,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from lfpipe import config
-from lfpipe.cli.scene import scene
 from lfpipe.errors import UserError
 from lfpipe.extras.phone.slide import Slide, make_slide
 from lfpipe.scene import layouts
-from lfpipe.scene.analysis import analyse_scene
 from tests.scene import made
 from tests.scene.test_plausibility import zoomed
-from tests.scene.writers import film
 
 SIZE = (240, 320)
 FOCAL_PX = 1.2 * SIZE[1]
@@ -101,31 +97,6 @@ def test_a_camera_that_is_turned_while_it_slides_does_not_exchange_near_and_far(
     assert near_moves_to_the_left(tmp_path / "out")
 
 
-def test_a_row_of_unknown_direction_has_numbers_and_keeps_the_doubt(tmp_path: Path) -> None:
-    # a pattern without edges hides nothing
-    wall = made.texture(SIZE[0], 2 * SIZE[1], 3)
-    yy, xx = np.mgrid[: SIZE[0], : SIZE[1]].astype(np.float32)
-    views = [
-        cv2.remap(wall, xx + 160 + np.float32(k - 6) * (0.5 + yy / 160), yy, cv2.INTER_LINEAR)
-        for k in range(13)
-    ]
-    row = slide(tmp_path, views)
-    assert not row.order_sure
-    assert sorted(path.name for path in (tmp_path / "out").glob("*"))[0] == "view_00.png"
-    assert "invert_depth" in analyse_scene(tmp_path / "out", config.Scene()).orientation.undecided
-
-
-@pytest.mark.nightly
-def test_a_change_of_exposure_is_taken_out(tmp_path: Path) -> None:
-    gains = 1 + 0.15 * np.sin(np.arange(17))
-    views = [
-        np.clip(v * gain, 0, 255).astype(np.uint8) for v, gain in zip(SLID, gains, strict=True)
-    ]
-    assert slide(tmp_path, views).views >= 7
-    means = [made.read(path).mean() for path in (tmp_path / "out").glob("*.png")]
-    assert np.ptp(means) < 0.06 * np.mean(means)
-
-
 def near_moves_to_the_left(folder: Path) -> bool:
     """Whether the near shape of a made row moves to the left of the wall."""
     source = layouts.describe(folder, config.Scene())
@@ -136,30 +107,6 @@ def near_moves_to_the_left(folder: Path) -> bool:
     height, width = first.shape
     near = flow[int(0.6 * height), int(0.55 * width) : int(0.65 * width), 0].mean()
     return bool(near < np.median(flow[: height // 8, :, 0]))
-
-
-def test_known_positions_come_back(tmp_path: Path) -> None:
-    picked = [0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 16]
-    row = slide(tmp_path, shaken(SLID[picked], 0.3))
-    at = [float(path.name.split("_")[4]) for path in sorted((tmp_path / "out").glob("*.png"))]
-    assert at == sorted(at)
-    every = np.array(picked) / 16 * at[-1]
-    # undecided, either end may be the left one
-    ways = (every,) if row.order_sure else (every, at[-1] - every)
-    assert min(max(np.abs(way - value).min() for value in at) for way in ways) < 0.06 * at[-1]
-
-
-@pytest.mark.nightly
-def test_a_video_by_the_command(tmp_path: Path) -> None:
-    film(shaken(SLID, 0.3), "clip.avi", "MJPG")(tmp_path)
-    done = CliRunner().invoke(
-        scene,
-        ["make", str(tmp_path / "clip.avi"), "--set", f"scene.cache_dir={tmp_path / 'cache'}"],
-    )
-    assert done.exit_code == 0, done.output + repr(done.exception)
-    assert "vertical error" in done.output
-    assert (tmp_path / "clip-views").is_dir()
-    assert len(list((tmp_path / "cache" / "scenes").iterdir())) == 1
 
 
 BASE = SLID[8]

@@ -5,7 +5,6 @@ layout.
 import socket
 import struct
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -58,26 +57,6 @@ class OpentrackReceiver:
             assert len(data) == 48
             found.append(struct.unpack("<dddddd", data))
         return found
-
-    def times(self, count: int) -> list[float]:
-        """Arrival times of the next count datagrams."""
-        return [(self._socket.recvfrom(1 << 16), time.monotonic())[1] for _ in range(count)]
-
-    def silent(self, seconds: float) -> bool:
-        """Whether nothing comes for so long."""
-        self._socket.settimeout(seconds)
-        try:
-            self._socket.recvfrom(1 << 16)
-        except TimeoutError:
-            return True
-        finally:
-            self._socket.settimeout(60)
-        return False
-
-    def empty(self) -> None:
-        """Takes what has come until now."""
-        while not self.silent(0.05):
-            pass
 
     def close(self) -> None:
         self._socket.close()

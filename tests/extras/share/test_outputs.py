@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import psutil
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -21,7 +20,6 @@ from lfpipe.extras.share.target import Target
 from lfpipe.eyes import SHOWN
 from lfpipe.track.head import Head
 from lfpipe.transport.clock import now_ns
-from lfpipe.transport.session import Session, SessionManifest
 from tests.extras.share.receivers import lsl_environment
 from tests.support.examples import examples
 from tests.track.test_head import rotation
@@ -75,10 +73,6 @@ def test_opentrack_gets_the_pose_that_its_own_tracker_would_send(
     np.testing.assert_allclose(sent, neuralnet(rotation(*turn_deg), np.array(position)), atol=1e-9)
 
 
-def test_opentrack_without_a_face_holds_the_last_pose() -> None:
-    assert opentrack_datagram(Sample(0, 0, 0, None)) == b""
-
-
 def test_a_bundle_has_the_time_of_its_eyes(monkeypatch: pytest.MonkeyPatch) -> None:
     from pythonosc.osc_bundle import OscBundle
 
@@ -92,17 +86,6 @@ def test_a_bundle_has_the_time_of_its_eyes(monkeypatch: pytest.MonkeyPatch) -> N
             "/lfpipe/eyes",
             "/lfpipe/head",
         ]
-
-
-@pytest.mark.parametrize("source_seq", [0, 2**31 - 1, 2**31 + 5])
-def test_a_bundle_has_only_types_that_every_receiver_of_osc_reads(source_seq: int) -> None:
-    from pythonosc.osc_bundle import OscBundle
-
-    datagram = osc_datagram(Sample(source_seq, 0, 86_400 * 10**9 + 5, HEAD))
-    frame = next(iter(OscBundle(datagram)))
-    assert frame.params == [1, source_seq % 2**31, 86_400, 5]
-    assert b"/lfpipe/frame\0\0\0,iiii\0" in datagram
-    assert b",ffffff\0" in datagram
 
 
 @pytest.fixture
@@ -126,23 +109,6 @@ def lsl(tmp_path: Path) -> Any:
     outlet.close()
 
 
-def test_the_identity_of_a_stream_is_that_of_one_run_of_a_session(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A receiver goes on with a stream of the same identity: not with that of another user."""
-    from lfpipe.extras.share.output import source_id
-
-    runs = []
-    session = Session("default")
-    for folder in (tmp_path / "mine", tmp_path / "theirs"):
-        monkeypatch.setenv("LFPIPE_RUN_DIR", str(folder))
-        session.run_dir.mkdir(parents=True)
-        SessionManifest.begin(session, {})
-        assert session.run == session.run, "also of a restarted stage"
-        runs.append(source_id(session.run, "eyes"))
-    assert runs[0] != runs[1]
-
-
 def test_the_state_is_repeated_every_second_and_the_confidence_is_sent(lsl: Any) -> None:
     outlet, inlets = lsl
     begin_ns = now_ns()
@@ -162,18 +128,6 @@ def test_the_state_is_repeated_every_second_and_the_confidence_is_sent(lsl: Any)
         and math.isnan(rows[0][0])
         and rows[20][:3] == [-40.0, 5.0, 600.0]
     )
-
-
-@pytest.mark.live
-def test_a_receiver_that_never_reads_costs_no_memory(lsl: Any) -> None:
-    outlet, _ = lsl
-    process = psutil.Process()
-    for seq in range(5000):
-        outlet.send(Sample(seq, seq, seq, HEAD))
-    before = process.memory_info().rss
-    for seq in range(5000, 100_000):  # an hour at 30 Hz
-        outlet.send(Sample(seq, seq, seq, HEAD))
-    assert process.memory_info().rss - before < 16 << 20
 
 
 def test_lsl_pictures_have_the_time_at_which_they_appeared(lsl: Any) -> None:

@@ -5,25 +5,11 @@ from typing import Any
 import attrs
 import pytest
 
-from lfpipe.config.modes import MouseViewer
-from lfpipe.errors import UserError
-from lfpipe.supervisor.requests import Reply, respond
+from lfpipe.supervisor.requests import respond
 from tests.supervisor.states import made_state
 
 Message = dict[str, Any]
 TARGETS = ("osc:127.0.0.1:9000?rate=60", "lsl:lab")
-
-
-def test_share_without_targets_lists_them() -> None:
-    reply = respond(made_state(extras={"share": TARGETS}), {"cmd": "share"}, 0)
-    assert reply == Reply(answer={"share": list(TARGETS)})
-
-
-def test_share_refuses_targets_that_cannot_be_parsed_or_run_already() -> None:
-    state = made_state(extras={"share": TARGETS}, viewer=MouseViewer())
-    for start, why in ((["/x"], "unknown kind"), (["lsl:lab?rate=30"], "is a target already")):
-        with pytest.raises(UserError, match=why):
-            respond(state, {"cmd": "share", "start": start}, 0)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 """A session that shares its eyes with independent programs."""
 
-import json
 import math
 import os
 import signal
@@ -84,26 +83,6 @@ def test_osc_gets_the_eyes_of_every_frame_and_the_head_between_them(sharing: Sha
         assert frame[0] == 1 and t_ns == sensor.get(frame[1], t_ns)
         assert head[:3] == pytest.approx(np.mean([eyes[:3], eyes[3:]], axis=0), abs=1e-3)
         assert math.dist(eyes[:3], eyes[3:]) == pytest.approx(63, rel=0.06)
-
-
-def test_what_is_shared_is_stopped_and_started_while_it_runs(sharing: Sharing) -> None:
-    world = sharing.world
-    target = f"opentrack:127.0.0.1:{sharing.opentrack_port}"
-    world.ctl("share", "stop", target)
-    sharing.opentrack.empty()
-    assert sharing.opentrack.silent(0.6)
-    assert "already" in world.refused(
-        "ctl", "--session", world.name, "share", "start", f"osc:localhost:{sharing.osc_port}"
-    )
-    assert sharing.opentrack.silent(0.05)
-    assert (
-        json.loads(world.ctl("--json", "share", "start", f"{target}?rate=100"))["share"][-1]
-        == f"{target}?rate=100"
-    )
-    arrived = sharing.opentrack.times(100)
-    assert arrived[-1] - arrived[0] < 2.5  # 30 a second would take 3.3 s
-    world.ctl("share", "stop", target)
-    world.ctl("share", "start", target)
 
 
 def test_nothing_is_open_to_anybody_unless_asked(live: World) -> None:

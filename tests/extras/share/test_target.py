@@ -2,19 +2,12 @@
 (`messages.py`); nothing is sent.
 """
 
-import sys
-from pathlib import Path
-
-import attrs
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.cli.launch import UpArguments
-from lfpipe.cli.prepare import prepare
 from lfpipe.errors import UserError
 from lfpipe.extras.share.target import check_target, parse_target
-from tests.support.refusal import refusal
 
 
 @pytest.mark.parametrize(
@@ -41,25 +34,3 @@ def test_any_text_is_accepted_in_its_exact_form_or_refused(text: str) -> None:
         assert error.remedy
     else:
         assert parse_target(str(target)) == target
-
-
-def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fails(name: str) -> None:
-        raise RuntimeError("LSL binary library file was not found")
-
-    monkeypatch.setattr("importlib.import_module", fails)
-    assert "PYLSL_LIB" in str(refusal(check_target, "lsl"))
-    monkeypatch.undo()
-    for name, text in {"pythonosc": "osc:127.0.0.1:9000", "pylsl": "lsl"}.items():
-        monkeypatch.setitem(sys.modules, name, None)
-        assert "python-osc pylsl" in str(refusal(check_target, text))
-
-
-def test_no_picture_goes_with_nothing_that_shows_one() -> None:
-    plain = UpArguments(camera="demo", no_picture=True)
-    for arguments in (
-        attrs.evolve(plain, display="none"),
-        attrs.evolve(plain, trace=Path("t.jsonl")),
-        attrs.evolve(plain, scenes=(Path(),)),
-    ):
-        assert "--no-picture" in str(refusal(prepare, arguments))

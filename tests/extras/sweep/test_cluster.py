@@ -1,7 +1,5 @@
 """Where cells run: no port is open to strangers; what dies, hangs or takes long is named."""
 
-from pathlib import Path
-
 import psutil
 import pytest
 
@@ -11,7 +9,6 @@ from lfpipe.extras.sweep.plan import Cell
 from lfpipe.extras.sweep.results import DIED, FAILED, OK, Outcome
 from lfpipe.extras.sweep.run import dask_workers, local_workers, run_cells
 from lfpipe.extras.sweep.work import SweepOptions, measure_cell
-from tests.extras.sweep.conftest import write_wall
 from tests.support.world import until
 
 CELLS = [
@@ -96,15 +93,3 @@ def test_a_cell_that_hangs_or_dies(
     monkeypatch.setattr(work, "COMMAND", code)
     outcome = measure_cell(CELLS[0], SweepOptions(2.0))
     assert outcome.state == state and reason in outcome.reason
-
-
-@pytest.mark.nightly
-def test_a_subject_of_the_benchmark_as_a_cell(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    scene = write_wall(tmp_path / "wall", 0)
-    outcome = measure_cell(
-        Cell(subject="stability", sequence="", scene=str(scene), key="k"), SweepOptions(100.0)
-    )
-    assert outcome.state == OK and outcome.metrics, outcome.reason

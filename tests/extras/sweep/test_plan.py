@@ -2,18 +2,12 @@
 quotes.
 """
 
-import csv
 import shutil
 from pathlib import Path
 
-import attrs
 import pytest
-from click.testing import CliRunner
 
-from lfpipe.errors import UserError
-from lfpipe.extras.sweep.command import sweep
 from lfpipe.extras.sweep.plan import Cell, read_plan
-from lfpipe.extras.sweep.results import ABOUT, FAILED, LEFT_OUT, Outcome, Store, write
 from lfpipe.extras.sweep.run import content, keyed
 from lfpipe.extras.sweep.work import SweepOptions
 from tests.extras.sweep.conftest import write_plan
@@ -92,49 +86,3 @@ def test_a_key_follows_contents_not_the_place(tmp_path: Path, corpus: Path) -> N
 def test_mistakes_are_named_before_anything_runs(tmp_path: Path, text: str, said: str) -> None:
     refused = str(refusal(read_plan, write_plan(tmp_path, tmp_path, text)))
     assert said in refused and ("plan.toml" in refused or "configuration" in refused)
-
-
-def test_no_name_of_a_file_is_a_formula_of_a_spreadsheet(tmp_path: Path) -> None:
-    names = ("=1+1", "+cmd", "-2", "@SUM(A1)", "plain")
-    outcomes = [
-        Outcome(
-            Cell(subject="quality", sequence="", scene=f"/x/{name}", key=name),
-            LEFT_OUT,
-            "=why",
-            {"a": -1.5},
-        )
-        for name in names
-    ]
-    write(outcomes, tmp_path, None)
-    head, *rows = csv.reader((tmp_path / "table.csv").open())
-    assert [row[3] for row in rows] == ["'=1+1", "'+cmd", "'-2", "'@SUM(A1)", "plain"]
-    assert {(row[ABOUT.index("reason")], row[head.index("a")]) for row in rows} == {
-        ("'=why", "-1.5")
-    }
-    store = Store(tmp_path / "out")
-    for outcome in (
-        attrs.evolve(outcomes[0], state=FAILED, cell=attrs.evolve(outcomes[0].cell, key="again")),
-        *outcomes,
-    ):
-        store.append(outcome)
-    store.close()
-    write(outcomes, tmp_path / "out", None)
-    again = Store(tmp_path / "out")  # its own files are continued and replaced
-    again.close()
-    assert list(again.outcomes.values()) == outcomes, "what failed is measured again"
-    for name in ("table.csv", "report.html", "junit.xml"):  # of no sweep: without results.jsonl
-        mine = tmp_path / name
-        mine.write_text("my own notes")
-        assert name in str(refusal(Store, tmp_path))
-        assert mine.read_text() == "my own notes"
-        mine.unlink()
-
-
-def test_conflicting_options_are_refused(tmp_path: Path) -> None:
-    for words, named in (
-        ((f"{tmp_path}/plan.toml",), "plan.toml"),
-        (("plan.toml", "--update"), "--update"),
-        (("plan.toml", "--jobs", "2", "--on", "tls://a:1"), "--jobs"),
-    ):
-        error = CliRunner().invoke(sweep, words).exception
-        assert isinstance(error, UserError) and named in error.message, error

@@ -93,11 +93,6 @@ class Server:
     def sockets(self) -> int:
         return len(psutil.Process(self.pid).net_connections())
 
-    def serves(self, client: tuple[str, int]) -> bool:
-        """Whether it has an open connection of a client's address."""
-        open_ones = psutil.Process(self.pid).net_connections()
-        return any(one.raddr and tuple(one.raddr) == client for one in open_ones)
-
 
 @contextmanager
 def served(world: World, *args: str, **more: Any) -> Iterator[Server]:

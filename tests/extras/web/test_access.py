@@ -2,26 +2,17 @@
 
 import itertools
 import json
-import re
-import threading
-from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from pathlib import Path
 
 import attrs
-import cv2
-import numpy as np
 import pytest
-import segno
 from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.extras.web.page_feed import Feed
-from lfpipe.extras.web.server import PORTS, Site, drawn, local, named, parse_address, url_of
-from tests.extras.web.server import Server, served
-from tests.support.browser import Browser, missing
+from lfpipe.extras.web.server import Site, named, parse_address, url_of
+from tests.extras.web.server import Server
 from tests.support.refusal import refusal
-from tests.support.world import World, until
+from tests.support.world import World
 
 PATHS = ["/", "/page.js", "/index.html", "/events", "/ctl", "/nothing", "//", "/x/ctl"]
 HARDENED = {
@@ -138,112 +129,6 @@ def test_page_passes_on_its_own_commands_alone(server: Server, world: World) -> 
     assert answer["ok"] is False and "no session" in answer["error"]
     assert json.loads(next(server.events())[1]) == {"alive": False}
     assert "another port" in world.refused("monitor", "--web", f":{server.port}")
-
-
-@pytest.mark.live
-def test_the_page_takes_the_next_port_unless_one_is_asked_for(world: World) -> None:
-    """A second monitor was refused, although nobody had asked for the port of the first."""
-    with served(world, "") as first, served(world, "") as second:
-        assert first.port in PORTS and second.port in PORTS and first.port < second.port
-
-
-def test_the_code_of_the_page_holds_its_address() -> None:
-    url = "http://192.168.10.200:8765/?token=" + "x" * 43
-    lines = drawn(segno.make(url, error="l", micro=False))
-    assert len(lines) <= 22 and max(map(len, lines)) <= 40, "fits a terminal of 80x24"
-    halves = {" ": (0, 0), "▀": (1, 0), "▄": (0, 1), "█": (1, 1)}
-    rows = [[halves[mark][half] for mark in line] for line in lines for half in (0, 1)]
-    picture = np.kron(np.array(rows, np.uint8) * 255, np.ones((8, 8), np.uint8))
-    picture = np.pad(picture, 32, constant_values=255)
-    assert cv2.QRCodeDetector().detectAndDecode(picture)[0] == url
-    assert [local(host) for host in ("127.0.0.1", "::1", "localhost", "0.0.0.0", "10.0.0.2")] == [
-        True,
-        True,
-        True,
-        False,
-        False,
-    ]
-
-
-@pytest.mark.nightly
-def test_other_devices_get_a_code_on_the_page_and_in_a_terminal(world: World) -> None:
-    with served(world, "0.0.0.0:0") as server:
-        page = server.ask("GET", "/")[1].decode()
-        svg = re.findall(r'id="code" src="data:image/svg\+xml', page)
-        assert len(svg) == 1 and "@CODE@" not in page
-    with served(world) as server:
-        assert 'id="code" src=""' in server.ask("GET", "/")[1].decode()
-
-
-@pytest.fixture
-def stranger() -> Iterator[tuple[str, list[str]]]:
-    """The address of a page on another port of this host, and the requests that its server sees."""
-    seen: list[str] = []
-
-    class Page(BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            seen.append(f"{self.path} {self.headers}")
-            self.wfile.write(
-                b"HTTP/1.0 200 OK\r\nContent-Type: text/html\r\n\r\n<!doctype"
-                b" html><title>stranger</title><body></body>"
-            )
-
-    with ThreadingHTTPServer(("127.0.0.1", 0), Page) as served:
-        threading.Thread(target=served.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{served.server_address[1]}", seen
-        served.shutdown()
-
-
-@pytest.mark.nightly
-def test_page_in_a_browser_gives_other_pages_nothing(
-    live_server: Server, stranger: tuple[str, list[str]], tmp_path: Path
-) -> None:
-    if why := missing():
-        pytest.skip(why)
-    with Browser(tmp_path / "profile") as browser:
-        browser.open(live_server.url)
-        until(lambda: browser.ask("window.lfpipe.events > 2"), "metrics")
-        page = str(browser.ask("location.href"))
-        assert (
-            "token" not in page
-            and browser.ask("document.cookie") == ""
-            and live_server.token not in page
-        )
-        browser.ask(f"(() => {{ location.href = '{stranger[0]}/left'; }})()")
-        until(lambda: browser.ask("document.title") == "stranger", "page of the stranger")
-        browser.ask(
-            f"""(() => {{ window.got = {{}};
-            const base = '{page}', frame = document.createElement('iframe');
-            frame.src = base;
-            frame.onload = () => {{
-                try {{ got.frame = frame.contentDocument ? 'read' : 'refused'; }}
-                catch (e) {{ got.frame = 'refused'; }} }};
-            document.body.append(frame);
-            fetch(base + 'ctl', {{method: 'POST', mode: 'no-cors', credentials: 'include',
-                                  body: '{{"cmd": "pause"}}'}})
-              .then(() => got.command = 'sent', () => got.command = 'sent');
-            const events = new EventSource(base + 'events', {{withCredentials: true}});
-            events.onmessage = () => got.events = 'read';
-            events.onerror = () => got.events = 'refused'; }})()"""
-        )
-        got = until(
-            lambda: len(found := browser.ask("window.got")) == 3 and found,
-            "end of what the stranger tried",
-        )
-        assert got == {"frame": "refused", "command": "sent", "events": "refused"}
-        for text in stranger[1]:
-            assert (
-                live_server.token not in text
-                and f":{live_server.port}" not in text
-                and "lfpipe-" not in text
-            ), text
-        browser.open(page)
-        until(
-            lambda: browser.ask(
-                "window.lfpipe && window.lfpipe.last && window.lfpipe.last.paused === false"
-            ),
-            "no pause",
-        )
 
 
 @given(st.lists(st.text()))

@@ -2,26 +2,19 @@
 bytes.
 """
 
-import asyncio
-import errno
-import itertools
 import json
 import resource
 import socket
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from pathlib import Path
 from typing import Any
 
 import psutil
 import pytest
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
-from tornado.iostream import IOStream
-from tornado.web import Application
 
 from lfpipe.extras.web.server import MAX_STREAMS
-from lfpipe.extras.web.server import Server as PageServer
 from tests.extras.web.server import Server, served
 from tests.supervisor.states import messages, values
 from tests.support.examples import examples
@@ -76,29 +69,6 @@ def test_page_limits_its_viewers(live_server: Server) -> None:
     until(served_again, "place for a new viewer")
 
 
-def test_page_drops_slow_clients(live_server: Server) -> None:
-    request = (
-        "GET /events HTTP/1.1\r\nHost: 127.0.0.1\r\n"
-        f"Authorization: Bearer {live_server.token}\r\n\r\n"
-    )
-
-    def lazy() -> socket.socket | None:
-        """A connection that is served and never read; None while there are too many others."""
-        made = socket.socket()
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        made.connect(("127.0.0.1", live_server.port))
-        made.sendall(request.encode())
-        made.settimeout(10)
-        if made.recv(12, socket.MSG_PEEK).startswith(b"HTTP/1.1 200"):
-            return made
-        made.close()
-        return None
-
-    with until(lazy, "a stream") as held:
-        own = held.getsockname()
-        until(lambda: not live_server.serves(own), "end of who does not read")
-
-
 def test_holders_of_the_view_only_token_do_not_lock_others_out(live: World) -> None:
     """A whole class has it: neither connections that wait nor many requests on one use up the
     descriptors, and nothing is written about them.
@@ -122,46 +92,6 @@ def test_holders_of_the_view_only_token_do_not_lock_others_out(live: World) -> N
         assert psutil.Process(server.pid).memory_info().rss < rss + 30e6
 
 
-def test_where_no_descriptor_is_free_the_oldest_connection_makes_room(
-    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Accepting goes on after BACK_OFF_S, and one line is logged for all tries."""
-    tries = 0
-
-    class Full(socket.socket):
-        def accept(self) -> Any:
-            nonlocal tries
-            tries += 1
-            raise OSError(errno.EMFILE, "Too many open files")
-
-    async def serves() -> None:
-        page = PageServer(Application())
-        with (
-            Full() as listener,
-            socket.create_server(("127.0.0.1", 0)) as other,
-            ExitStack() as all_,
-        ):
-            ends = [
-                all_.enter_context(socket.create_connection(other.getsockname())) for _ in range(20)
-            ]
-            for end in ends:
-                stream = IOStream(all_.enter_context(other.accept()[0]))
-                page._strangers[stream] = "busy" if end is not ends[0] else "quiet"
-            listener.bind(("127.0.0.1", 0))
-            listener.listen()
-            page.add_sockets([listener])
-            with socket.create_connection(listener.getsockname()):
-                while tries < 2:
-                    await asyncio.sleep(0.01)
-            page.stop()
-            left = [*page._strangers.values()]
-            assert left[0] == "quiet" and len(left) <= 18 and ends[1].recv(1) == b""
-
-    monkeypatch.setattr("lfpipe.extras.web.server.BACK_OFF_S", 0.01)
-    asyncio.run(asyncio.wait_for(serves(), 60))
-    assert len([one for one in caplog.records if "Too many open files" in one.message]) == 1
-
-
 @contextmanager
 def held_open(server: Server, sent: bytes) -> Iterator[None]:
     """A connection that has sent data, unless it was ended meanwhile, and stays open here."""
@@ -169,19 +99,6 @@ def held_open(server: Server, sent: bytes) -> Iterator[None]:
         with suppress(ConnectionResetError, BrokenPipeError):
             connection.sendall(sent)
         yield
-
-
-def test_page_without_viewers_lets_go_of_the_session(
-    live: World,
-) -> None:
-    with served(live) as server:
-        maps = Path(f"/proc/{server.pid}/maps")
-        for _ in itertools.islice(server.events(), 6):
-            assert str(live.session_dir) in maps.read_text()
-        until(lambda: str(live.session_dir) not in maps.read_text(), "end of the attachment")
-        connection, viewer = server.viewer()
-        assert viewer.readline().startswith(b"data: ")
-    connection.close()
 
 
 DEEP = st.sampled_from([7, 8, 9, 31, 33, 500, 1900]).flatmap(

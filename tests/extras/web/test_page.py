@@ -7,7 +7,6 @@ import cv2
 import numpy as np
 import pytest
 
-from lfpipe.extras.web.page_feed import draw_over_eyes, place_px
 from tests.extras.web.server import Server
 from tests.support.browser import Browser, missing
 from tests.support.world import World, until
@@ -127,29 +126,3 @@ def test_page_in_a_browser_moves_charts_and_takes_controls(
             "session that returned",
         )
         assert server.ask("POST", "/ctl", {"cmd": "recentre"})[0] == 200
-
-
-def test_place_px_agrees_with_the_view_solver() -> None:
-    from lfpipe.config import Render
-    from lfpipe.render.synthesis.viewpoint import ViewSolver
-
-    solver = ViewSolver(5, 7, Render(), 20.0, (300.0, 220.0))
-    eyes_px = (310.0, 230.0), (270.0, 230.0)
-    look = {
-        "grid": (5, 7),
-        "alpha_px": 20.0,
-        "centre_px": (300.0, 220.0),
-        "eyes_px": eyes_px,
-        "face": True,
-    }
-    for row, col in ((0, 0), (4, 6), (2, 3), (1, 5)):
-        place = place_px(look, row, col)
-        assert solver.views((*place, *place))[0] == pytest.approx((row, col))
-    picture = np.zeros((480, 640, 3), np.uint8)
-    draw_over_eyes(picture, look)
-    x, y = place_px(look, 4, 6)
-    assert (picture[round(y), round(x)] > 200).all()
-    left, right = picture[230, 310], picture[230, 270]
-    assert left[2] > 200 > 100 > left[0] and right[0] > 200 > 100 > right[2], (
-        "left eye red, right eye cyan"
-    )
