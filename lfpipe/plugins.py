@@ -15,7 +15,7 @@ lfpipe.stages     a `lfpipe.transport.ring_io.Stage`: a row of the process table
 lfpipe.requests   a module or object with the methods of `lfpipe.supervisor.requests.RequestPlugin`;
                   the name is that of the control command
 lfpipe.painters   a function of `render.device` and a thread that returns a
-                  `lfpipe.render.synthesis.painter.Painters`, or None, and what draws
+                  `lfpipe.render.synthesis.compositor.Painters`, or None, and what draws
 
 Whatever the code of another package raises becomes a UserError that names group, entry point and
 package. A plug-in with the name of a built-in part is not used.

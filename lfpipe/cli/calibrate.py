@@ -16,7 +16,7 @@ from lfpipe.live.shared_scene import two_cameras
 from lfpipe.monitor.calibrate import placement_of
 from lfpipe.monitor.session_reader import snapshot
 from lfpipe.render.display.open_display import has_display
-from lfpipe.render.ui.calibration import FARTHEST_CM, NEAREST_CM, USUAL_MM
+from lfpipe.render.ui.pages import FARTHEST_CM, NEAREST_CM, USUAL_MM
 from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import demo_scene
 from lfpipe.supervisor import rundir

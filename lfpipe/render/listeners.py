@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,7 +25,7 @@ from lfpipe.files.trace import TraceFile
 from lfpipe.render.display.display import Display
 from lfpipe.render.live_input import LiveInput
 from lfpipe.render.presenter import REPLACED, Listener, Presentation
-from lfpipe.render.synthesis.pair_layout import scale_into
+from lfpipe.render.synthesis.anaglyph import scale_into
 from lfpipe.render.viewer.geometry import Parallax
 from lfpipe.render.viewer.presence import ViewerState
 from lfpipe.render.viewer.viewer import Viewer
@@ -39,13 +40,13 @@ from lfpipe.transport.status import Row
 MAX_PREDICTION_NS = int(MAX_PREDICTION_S * SECOND_NS)
 
 
+@attrs.define(eq=False)
 class StatusRow(Listener):
     """Counts and measures presentations in the stage's row of the status table."""
 
-    def __init__(self, row: Row, viewer: Viewer, display: Display) -> None:
-        self._row = row
-        self._viewer = viewer
-        self._display = display
+    _row: Row
+    _viewer: Viewer
+    _display: Display
 
     def handed_over(self, presentation: Presentation) -> None:
         row = self._row
@@ -116,19 +117,19 @@ def trace_line(presentation: Presentation, method: str, level: int) -> dict[str,
     return line
 
 
+@attrs.define(eq=False)
 class Trace(Listener):
     """Writes a line per presentation to the file of option "trace"."""
 
-    def __init__(self, viewer: Viewer, began: Path | None, lost: Callable[[str], None]) -> None:
-        """began: a file that the session wrote at its start; a restarted process continues a newer
-        trace than that. lost: called once with the reason if a file ends early.
-        """
-        self._viewer = viewer
-        self._began = began
-        self._lost = lost
-        self._path = ""
-        self._file: TraceFile | None = None
-        self._level = 0
+    _viewer: Viewer
+    _began: Path | None
+    """A file that the session wrote at its start; a restarted process continues a newer trace than
+    that."""
+    _lost: Callable[[str], None]
+    """Called once with the reason if a file ends early."""
+    _path: str = ""
+    _file: TraceFile | None = None
+    _level: int = 0
 
     def set_options(self, options: SessionOptions) -> None:
         self._level = level_number(options)
@@ -154,21 +155,22 @@ class Trace(Listener):
 LOOK_NS = 100 * MS_NS  # between two messages "look"
 
 
+@attrs.define(eq=False)
 class TapMessages(Listener):
     """Sends "viewer" when the viewer's state changes, "parallax" when alpha changes, a "notice" of
     its summary when somebody is seated for the first time and, while pictures are leased,
     "look" with the eyes and the grid of views over them.
     """
 
-    def __init__(self, emit: Callable[..., None], viewer: Viewer, state: ViewerState) -> None:
-        """emit: as `Context.emit`. state: the viewer's, as reported last."""
-        self._emit = emit
-        self._viewer = viewer
-        self._state = state
-        self._options = SessionOptions()
-        self._look_due_ns = 0
-        self._parallax: Parallax | None = None  # reported last
-        self._was_seated = False
+    _emit: Callable[..., None]
+    """As `Context.emit`."""
+    _viewer: Viewer
+    _state: ViewerState
+    """The viewer's, as reported last."""
+    _options: SessionOptions = attrs.field(factory=SessionOptions)
+    _look_due_ns: int = 0
+    _parallax: Parallax | None = None  # reported last
+    _was_seated: bool = False
 
     def set_options(self, options: SessionOptions) -> None:
         self._options = options
@@ -210,17 +212,17 @@ class TapMessages(Listener):
 # The ring of pictures, for previews and exports.
 
 
+@attrs.define(eq=False)
 class PictureRing(Listener):
     """Writes every new picture to the ring of option "pictures". Without a request there is no ring
     and no copy.
     """
 
-    def __init__(self, segment: Callable[[str], Path]) -> None:
-        """segment: the shared memory of a ring."""
-        self._segment = segment
-        self._name = ""
-        self._ring: ring.Writer | None = None
-        self._picture: NDArray[np.uint8] | None = None  # on the screen, for a new ring
+    _segment: Callable[[str], Path]
+    """The shared memory of a ring."""
+    _name: str = ""
+    _ring: ring.Writer | None = None
+    _picture: NDArray[np.uint8] | None = None  # on the screen, for a new ring
 
     def set_options(self, options: SessionOptions) -> None:
         if options.pictures == self._name:
@@ -261,14 +263,14 @@ class PictureRing(Listener):
 # Stamps of presented pictures, for stages that request them.
 
 
+@attrs.define(eq=False)
 class ShownStamps(Listener):
     """Writes a record of dtype SHOWN for each presentation while a stage requests the ring."""
 
-    def __init__(self, open_ring: Callable[[], RingOutput]) -> None:
-        """open_ring: opens the ring "shown"; called when it is first needed."""
-        self._open_ring = open_ring
-        self._ring: RingOutput | None = None
-        self._wanted = False
+    _open_ring: Callable[[], RingOutput]
+    """Opens the ring "shown"; called when it is first needed."""
+    _ring: RingOutput | None = None
+    _wanted: bool = False
 
     def set_options(self, options: SessionOptions) -> None:
         self._wanted = "shown" in options.asked_for
@@ -292,15 +294,16 @@ class ShownStamps(Listener):
 # viewpoints for the stage that measures disparity and for the program that draws the scene.
 
 
+@attrs.define(eq=False)
 class LiveRow(Listener):
     """Reports the live scene of presentations."""
 
-    def __init__(self, row: Row, source: LiveInput, viewer: Viewer, viewpoints: RingOutput) -> None:
-        """row: of the stage. viewpoints: of dtype VIEWPOINTS."""
-        self._row = row
-        self._source = source
-        self._viewer = viewer
-        self._viewpoints = viewpoints
+    _row: Row
+    """Of the stage."""
+    _source: LiveInput
+    _viewer: Viewer
+    _viewpoints: RingOutput
+    """Of dtype VIEWPOINTS."""
 
     def handed_over(self, presentation: Presentation) -> None:
         stamp = self._source.stamp

@@ -59,8 +59,10 @@ class LiveInput:
         """
         stamp = self._disparity.take(self._record)
         self._take_views()  # second: the frame that the disparity was measured in is there
-        frame = self._frame_of(stamp) if stamp is not None else None
-        if frame is not None:
+        measured = stamp and (stamp.epoch, stamp.source_seq)
+        for frame in self._frames:
+            if measured != (frame.stamp.epoch, frame.stamp.source_seq):
+                continue
             if self.stamp is None or frame.stamp.seq >= self.stamp.seq:
                 in_need = self._in_need(positions)
                 self._store.show(frame.picture, in_need, self._record, frame.stamp.t_sensor_ns)
@@ -79,18 +81,6 @@ class LiveInput:
             self._store.show_with_last(waiting[-1].picture, self._in_need(positions))
             return self._showing(waiting[-1], own_disparity=False)
         return None
-
-    def _frame_of(self, stamp: Stamp) -> _Frame | None:
-        """The frame that disparity was measured in, if it is kept."""
-        number = stamp.epoch, stamp.source_seq
-        return next(
-            (
-                frame
-                for frame in self._frames
-                if (frame.stamp.epoch, frame.stamp.source_seq) == number
-            ),
-            None,
-        )
 
     def _take_views(self) -> None:
         stamp = self._views.take(self._spare)

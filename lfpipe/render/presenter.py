@@ -1,5 +1,15 @@
-"""Presents pictures: chooses them, composes only changes, and notifies listeners. A `Presentation`
-is what a refresh shows; between submission and vblank they wait, and are reported in order.
+"""Chooses what a refresh shows, composes changes only, and notifies listeners. A `Presentation` is
+what a refresh shows; between submission and vblank they wait, and are reported in order.
+
+`choose` reads no clock and needs no process: the caller gives every time, so that a simulation runs
+the same choices as the render stage. For each refresh:
+
+    source.update(EyesRecord.of(buffer), stamp)      # for a newer record
+    display_time = DisplayTime.of(target_ns, refresh_ns, device_latency_ns)
+    eyes = source.at(t_ns, mouse)                    # t_ns: now, when the picture is begun
+    choice = choose(viewer, eyes, display_time)
+    if choice.key != key:                            # else the picture on the screen is current
+        picture = viewer.compositor.draw(choice.key)
 
 What does not change the next picture happens after submission, in the listeners.
 """
@@ -14,15 +24,129 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import SessionOptions
+from lfpipe.eyes import MAX_STEP_NS, EyesRecord
 from lfpipe.host.presentation import Presented
-from lfpipe.render.choice import DisplayTime, EyesSource, TrackedEyes, choose
 from lfpipe.render.display.display import Display
 from lfpipe.render.display.refresh import COST_SHARE, Refresh, ScreenRefresh
+from lfpipe.render.synthesis.anaglyph import Pair
 from lfpipe.render.synthesis.compositor import Key
-from lfpipe.render.synthesis.pair_layout import Pair
 from lfpipe.render.viewer.mouse_look import MouseLook
-from lfpipe.render.viewer.viewer import Viewer, Viewpoints
+from lfpipe.render.viewer.viewer import VIDEO_LEAD, Viewer, Viewpoints
 from lfpipe.transport.clock import MS_NS, now_ns, sleep_until
+from lfpipe.transport.ring import Stamp
+
+# A record is stale, because the tracker died or hangs, if it is older than MAX_STEP_NS and than
+# STALE_FRAMES frame intervals.
+STALE_FRAMES = 3
+
+
+@attrs.frozen(kw_only=True)
+class DisplayTime:
+    """When a picture is shown and seen, in monotonic ns."""
+
+    target_ns: int
+    """The refresh that the picture is due at; without refreshes, the expected submission."""
+    refresh_ns: int
+    """How long it stays on the screen; 0: until the next camera frame."""
+    device_latency_ns: int
+    """Delay of camera and display together, not included in stamps and target_ns."""
+    seen_ns: int
+    """The time that the picture is made for."""
+    on_vblanks: bool
+    """Whether target_ns is a vblank that the window system reports."""
+
+    @classmethod
+    def of(
+        cls,
+        target_ns: int,
+        refresh_ns: int = 0,
+        device_latency_ns: int = 0,
+        on_vblanks: bool = False,
+    ) -> "DisplayTime":
+        """The display time of a picture that is due at target_ns: the middle of its refresh, which
+        minimizes the error over it, plus the latency.
+        """
+        return cls(
+            target_ns=target_ns,
+            refresh_ns=refresh_ns,
+            device_latency_ns=device_latency_ns,
+            seen_ns=target_ns + device_latency_ns + refresh_ns // 2,
+            on_vblanks=on_vblanks,
+        )
+
+
+class TrackedEyes(NamedTuple):
+    """The eyes that a picture is made for."""
+
+    record: EyesRecord
+    stamp: Stamp
+    """Of their frame."""
+    t_ns: int
+    """The time that the eye positions refer to, where prediction starts: the frame's, or that of
+    the choice for the mouse and for nobody."""
+    waited_ns: int = 0
+    """From their publication until they were read."""
+    by_mouse: bool = False
+
+
+@attrs.define(eq=False)
+class EyesSource:
+    """Chooses the eyes for a picture: the newest record, the mouse, or nobody if the newest record
+    is stale.
+    """
+
+    _lossless: bool = False
+    """Frames wait for pictures, so no record is ever stale."""
+    _newest: TrackedEyes | None = None
+    _stale_ns: int = MAX_STEP_NS
+
+    def update(self, record: EyesRecord, stamp: Stamp, t_ns: int = 0) -> None:
+        """Takes a newer record of the tracker, read at t_ns."""
+        old = self._newest
+        if old is not None and stamp.epoch == old.stamp.epoch:
+            interval_ns = stamp.t_sensor_ns - old.stamp.t_sensor_ns
+            self._stale_ns = max(MAX_STEP_NS, STALE_FRAMES * interval_ns)
+        self._newest = TrackedEyes(
+            record, stamp, stamp.t_sensor_ns, waited_ns=max(t_ns - stamp.t_publish_ns, 0)
+        )
+
+    @property
+    def has_face(self) -> bool:
+        """Whether the newest record is of a face."""
+        return self._newest is not None and bool(self._newest.record.face)
+
+    def forget(self) -> None:
+        """Forgets the newest record: another viewer looks."""
+        self._newest = None
+
+    def at(self, t_ns: int, mouse: MouseLook | None = None) -> TrackedEyes | None:
+        """The eyes for a picture that is begun at t_ns; None before the first record."""
+        newest = self._newest
+        if mouse is not None and mouse.is_viewer:
+            record, stamp = mouse.eyes(newest and newest.record, newest and newest.stamp, t_ns)
+            return TrackedEyes(
+                record, stamp, t_ns, newest.waited_ns if newest else 0, by_mouse=True
+            )
+        if newest is None or self._lossless or t_ns - newest.t_ns <= self._stale_ns:
+            return newest
+        # the tracker died or hangs
+        return newest._replace(record=newest.record._replace(face=0), t_ns=t_ns)
+
+
+class Choice(NamedTuple):
+    """The viewpoints of a picture, and the key by which a compositor draws it."""
+
+    viewpoints: Viewpoints
+    key: Key
+
+
+def choose(viewer: Viewer, eyes: TrackedEyes | None, display_time: DisplayTime) -> Choice:
+    """The picture for eyes at a display time, which must not decrease from call to call."""
+    lead_ns = round(VIDEO_LEAD * display_time.refresh_ns) if display_time.on_vblanks else 0
+    record, t_ns = (None, display_time.seen_ns) if eyes is None else (eyes.record, eyes.t_ns)
+    viewpoints = viewer.viewpoints(record, t_ns, display_time.seen_ns, lead_ns)
+    return Choice(viewpoints, viewer.compositor.key(*viewpoints[1:]))
+
 
 ANSWER_NS = 250 * MS_NS  # a hidden window gets no report
 HANDOVER, REPLACED = "handover", "replaced"
@@ -130,46 +254,35 @@ def draw_scene(viewer: Viewer, key: Key) -> Drawing:
     return Drawing(viewer.compositor.draw(key), viewer.compositor.pair)
 
 
+@attrs.define(eq=False, kw_only=True)
 class Presenter:
     """One display's pictures."""
 
-    def __init__(
-        self,
-        *,
-        viewer: Viewer,
-        source: EyesSource,
-        mouse: MouseLook,
-        display: Display,
-        refresh: Refresh | None,
-        listeners: Sequence[Listener] = (),
-        seq: int = 0,
-    ) -> None:
-        """mouse: the viewer if there is no camera or its right button is held. refresh: the
-        display's clock, None with one picture per camera frame. seq: of the first presentation.
-        """
-        self._viewer = viewer
-        self._source = source
-        self._mouse = mouse
-        self._display = display
-        self._refresh = refresh
-        self._listeners = listeners
-        self._draw: Draw = draw_scene
-        self._key: Key | None = None
-        self._seq = seq
-        self._number = 0
-        self._waiting: deque[Presentation] = deque()  # between submission and vblank
-        self.cost_ns = 0
-        """Running mean of composing and showing a picture."""
-        self.picture: NDArray[np.uint8] | None = None
-        """The last picture on the screen."""
-        self.changed_ns = 0
-        """When a picture was last composed, or asked for."""
+    _viewer: Viewer
+    _source: EyesSource
+    _mouse: MouseLook
+    """The viewer if there is no camera or its right button is held."""
+    _display: Display
+    _refresh: Refresh | None
+    """The display's clock, None with one picture per camera frame."""
+    _listeners: Sequence[Listener] = ()
+    _seq: int = 0
+    """Of the next presentation."""
+    _draw: Draw = draw_scene
+    _key: Key | None = None
+    _number: int = 0
+    _waiting: deque[Presentation] = attrs.field(factory=deque)  # between submission and vblank
+    cost_ns: int = 0
+    """Running mean of composing and showing a picture."""
+    picture: NDArray[np.uint8] | None = None
+    """The last picture on the screen."""
+    changed_ns: int = 0
+    """When a picture was last composed, or asked for."""
 
     def saved_picture(self) -> NDArray[np.uint8] | None:
         """The last picture, for a file: the scene's at its own size. None before the first one."""
-        if self.picture is None or self._draw is not draw_scene or self._viewer.draws_all_pixels:
-            return self.picture
-        return self._viewer.full_picture()
+        is_scene = self.picture is not None and self._draw is draw_scene
+        return self._viewer.full_picture() if is_scene else self.picture
 
     def redraw(self) -> None:
         """Composes the next picture even if its key is unchanged."""
@@ -216,26 +329,10 @@ class Presenter:
             cost_ns=cost_ns,
         )
         self._seq += 1
-        self._account(presentation)
-
-    def _hand_over(self, drawing: Drawing, on_vblanks: bool) -> tuple[int, int]:
-        """(submission time, work) in ns."""
-        t_handing_ns = now_ns()
-        cpu_ns = time.process_time_ns() if on_vblanks else 0
-        t_handed_ns = self._display.show(*drawing, self._viewer.config.render.anaglyph)
-        handing_ns = t_handed_ns - t_handing_ns
-        if on_vblanks:  # a swap may wait for the screen, which is not work
-            handing_ns = min(handing_ns, time.process_time_ns() - cpu_ns)
-        return t_handed_ns, handing_ns
-
-    def _account(self, presentation: Presentation) -> None:
-        """Records its cost, and notifies the listeners."""
         if presentation.composed:
             self.cost_ns += int(COST_SHARE * (presentation.cost_ns - self.cost_ns))
             if self._refresh is not None:
-                self._refresh.add_cost(
-                    presentation.cost_ns, presentation.t_started_ns, presentation.due_ns
-                )
+                self._refresh.add_cost(presentation.cost_ns)
         for listener in self._listeners:
             listener.handed_over(presentation)
         if not self._display.vblank_source:
@@ -246,6 +343,16 @@ class Presenter:
             presentation.t_presented_ns = presentation.due_ns or presentation.t_handed_ns
             presentation.by = self._display.vblank_source
         self._waiting.append(presentation)
+
+    def _hand_over(self, drawing: Drawing, on_vblanks: bool) -> tuple[int, int]:
+        """(submission time, work) in ns."""
+        t_handing_ns = now_ns()
+        cpu_ns = time.process_time_ns() if on_vblanks else 0
+        t_handed_ns = self._display.show(*drawing, self._viewer.config.render.anaglyph)
+        handing_ns = t_handed_ns - t_handing_ns
+        if on_vblanks:  # a swap may wait for the screen, which is not work
+            handing_ns = min(handing_ns, time.process_time_ns() - cpu_ns)
+        return t_handed_ns, handing_ns
 
     def _report(self, presentation: Presentation) -> None:
         """Notifies the listeners of a presentation whose display time is known."""
@@ -263,7 +370,7 @@ class Presenter:
         """Processes the window system's reports of pictures and vblanks."""
         answers = self._display.presented()
         if answers and isinstance(self._refresh, ScreenRefresh):
-            self._refresh.vblanks(answers, self._display.nominal_hz())
+            self._refresh.vblanks(answers)
         for presentation in take_known(
             self._waiting, answers, self._display.vblank_source, now_ns()
         ):

@@ -42,7 +42,6 @@ from lfpipe.files.output import check_output
 from lfpipe.host.processes import run_on
 from lfpipe.host.wake import readable
 from lfpipe.plugins import IN_USE, blaming
-from lfpipe.render.choice import DisplayTime, EyesSource
 from lfpipe.render.display.display import Pointer
 from lfpipe.render.display.file_display import save
 from lfpipe.render.display.open_display import open_display
@@ -58,16 +57,15 @@ from lfpipe.render.listeners import (
 )
 from lfpipe.render.live_input import LiveInput
 from lfpipe.render.motion_latency import MotionLatencyRow
-from lfpipe.render.presenter import Listener, Presenter
-from lfpipe.render.synthesis.painter import Painters, open_painters
+from lfpipe.render.presenter import DisplayTime, EyesSource, Listener, Presenter
+from lfpipe.render.synthesis.compositor import Painters, open_painters
 from lfpipe.render.synthesis.scoring import measure_costs
 from lfpipe.render.ui.controller import Ui
-from lfpipe.render.ui.files import Files
+from lfpipe.render.ui.settings import Files
 from lfpipe.render.viewer.mouse_look import MouseLook
 from lfpipe.render.viewer.presence import ViewerState
 from lfpipe.render.viewer.viewer import Canvas, Viewer
 from lfpipe.scene.inverted_depth import remember, shown_as
-from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import open_pack
 from lfpipe.sequence.recorder import Recorder
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
@@ -136,7 +134,11 @@ class RenderStage:
         self._costs: Future[Mapping[str, float]] | None = None
         self._live: LiveInput | None = None
         with context.setting_up("opening the scene"):
-            self._field = self._first_field()
+            if options.live is not None and options.scene is not None:
+                self._live = LiveInput(context, options.live, options.scene.name)
+                self._field = self._live.field
+            else:
+                self._field = open_pack(Path(options.pack), self._config.scene.invert_depth)
         # without a clock, pictures depend on the frames alone
         on_frames = self._lossless or self._config.render.clock == "camera"
         self._on_camera = on_frames and options.viewer.tracked
@@ -174,7 +176,12 @@ class RenderStage:
         self._follow_mouse()
         self._status = StatusRow(context.row, self._viewer, self._display)
         self._listeners = self._make_listeners()
-        self._refresh = None if self._on_camera else self._make_refresh()
+        self._refresh: Refresh | None = None
+        if not self._on_camera:  # by the vblanks of the screen if it reports them, else even
+            if self._display.vblank_source:
+                self._refresh = ScreenRefresh(self._display.nominal_hz(), now_ns())
+            else:
+                self._refresh = Refresh(self._config.render.nominal_hz, now_ns())
         self._presenter = Presenter(
             viewer=self._viewer,
             source=self._eyes.source,
@@ -198,14 +205,6 @@ class RenderStage:
         self._measure_costs()
         context.row["t_face_ns"] = now_ns()
 
-    def _first_field(self) -> LightField:
-        options = self._options
-        if options.live is None:
-            return open_pack(Path(options.pack), self._config.scene.invert_depth)
-        assert options.scene is not None
-        self._live = LiveInput(self._context, options.live, options.scene.name)
-        return self._live.field
-
     def _make_canvas(self) -> Canvas:
         """The pictures' size is the screen's; in a replay, whose pictures are compared, the
         scene's.
@@ -215,13 +214,11 @@ class RenderStage:
         def threads(count: int, name: str) -> ThreadPoolExecutor:
             return ThreadPoolExecutor(count, name, run_on, (cores,))  # on any core
 
-        helpers = threads(len(cores) - 1, "rows") if len(cores) > 1 else None
-        if self._lossless:
-            return Canvas(helpers=helpers, cores=len(cores), gpu=self._gpu)
-        self._preparer = threads(1, "prepare")
+        if not self._lossless:
+            self._preparer = threads(1, "prepare")
         return Canvas(
-            shown_px=self._display.shown_px,
-            helpers=helpers,
+            shown_px=(lambda size_px: size_px) if self._lossless else self._display.shown_px,
+            helpers=threads(len(cores) - 1, "rows") if len(cores) > 1 else None,
             cores=len(cores),
             gpu=self._gpu,
             preparer=self._preparer,
@@ -279,12 +276,6 @@ class RenderStage:
         )
         if isinstance(options.display, VideoFile):
             self._device_latency_ns = 0
-
-    def _make_refresh(self) -> Refresh:
-        """A schedule by the vblanks of the screen if it reports them, else an even rate."""
-        if self._display.vblank_source:
-            return ScreenRefresh(self._display.nominal_hz(), now_ns())
-        return Refresh(self._config.render.nominal_hz, now_ns())
 
     def _make_listeners(self) -> list[Listener]:
         context = self._context

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from lfpipe.config.user_files import write_keys
 from lfpipe.errors import UserError
-from lfpipe.render.ui.calibration import (
+from lfpipe.render.ui.pages import (
     MEASURED_FRAMES,
     SPREAD,
     StillEyes,

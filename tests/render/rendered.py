@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from lfpipe.config import Config, Render
 from lfpipe.config.tree import Method
 from lfpipe.eyes import EYES, EyesRecord
-from lfpipe.render.choice import DisplayTime, TrackedEyes
-from lfpipe.render.presenter import Presentation
+from lfpipe.render.presenter import DisplayTime, Presentation, TrackedEyes
 from lfpipe.render.synthesis.anaglyph import MATRICES
 from lfpipe.render.viewer.viewer import Viewer, Viewpoints
 from lfpipe.scene.lightfield import LightField

@@ -23,12 +23,10 @@ class SimulatedScreen:
 
     rate_hz: float
     claimed_hz: float
-    """The rate that the window system names."""
+    """The rate that the window system names at first."""
     drift: float = 0.0
     moves_to_hz: float = 0.0
     """Rate of the screen that the window moves to after MOVES_S; 0: it does not move."""
-    claims_move: bool = True
-    """Whether the window system then names the new rate."""
     queue: int = 0
     """Pictures in flight, of which each vertical blank shows the oldest; a submission waits while
     there are as many. 0: the newest is shown."""
@@ -81,7 +79,7 @@ def shown(screen: SimulatedScreen, cost_ms: float, seconds: float = 25.0) -> Sho
         begun_ns += round(wake_ms * MS_NS)
         cost_ns = round(cost_ms * random.lognormal(0, 0.1) * MS_NS)
         now_ns = max(begun_ns + cost_ns, refresh.earliest_ns(due_ns))
-        refresh.add_cost(cost_ns, begun_ns, due_ns)
+        refresh.add_cost(cost_ns)
         number += 1
         handed_ns = now_ns
         pending.append((number, due_ns, handed_ns))
@@ -102,10 +100,7 @@ def shown(screen: SimulatedScreen, cost_ms: float, seconds: float = 25.0) -> Sho
                     waits.append((shown_ns - one[2]) * rates[vblank] / SECOND_NS)
             pending = pending[len(ready) :]
             vblank += 1
-        moved = screen.moves_to_hz and now_ns > T0_NS + screen.MOVES_S * SECOND_NS
-        named_hz = screen.moves_to_hz if moved and screen.claims_move else screen.claimed_hz
-        if reports:
-            refresh.vblanks(reports, named_hz)
+        refresh.vblanks(reports)
         for due, submitted, shown_ns in judged:
             is_late = refresh.judge(due, submitted, shown_ns)
             if submitted > judged_from_ns:

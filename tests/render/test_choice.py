@@ -2,7 +2,7 @@
 
 import pytest
 
-from lfpipe.render.choice import DisplayTime, EyesSource, choose
+from lfpipe.render.presenter import DisplayTime, EyesSource, choose
 from lfpipe.transport.ring import Stamp
 from tests.render.rendered import S, record, viewer
 

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Config, Render
 from lfpipe.config.tree import Anaglyph, Method
-from lfpipe.render.synthesis.anaglyph import MATRICES, encode, recipe
+from lfpipe.render.synthesis.anaglyph import MATRICES, arrange_stereo_pair, encode, recipe
 from lfpipe.render.synthesis.compositor import Compositor
-from lfpipe.render.synthesis.pair_layout import arrange_stereo_pair
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.scene.lightfield import UNKNOWN
 from tests.render import rendered

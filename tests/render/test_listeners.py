@@ -13,7 +13,6 @@ from lfpipe.config import SessionOptions
 from lfpipe.config.modes import Lossless, ReplayOutput
 from lfpipe.errors import UserError
 from lfpipe.eyes import SHOWN
-from lfpipe.render.choice import DisplayTime
 from lfpipe.render.display.display import Display
 from lfpipe.render.listeners import (
     PictureRing,
@@ -23,7 +22,7 @@ from lfpipe.render.listeners import (
     trace_line,
 )
 from lfpipe.render.metrics import METRICS
-from lfpipe.render.presenter import REPLACED, Presentation
+from lfpipe.render.presenter import REPLACED, DisplayTime, Presentation
 from lfpipe.render.stage import RenderStage
 from lfpipe.transport import ring
 from lfpipe.transport.metrics import summary_ms

@@ -13,8 +13,8 @@ from lfpipe.render.display.display import Notice
 from lfpipe.render.synthesis.anaglyph import MATRICES
 from lfpipe.render.ui.notices import SHOWN_NS, Notices
 from lfpipe.render.ui.pages import glasses_test
-from lfpipe.render.ui.recording import RecordingIndicator
 from lfpipe.render.ui.scenes import OPEN
+from lfpipe.render.ui.settings import RecordingIndicator
 from lfpipe.sequence.folder import MANIFEST
 from lfpipe.transport.clock import SECOND_NS, now_ns
 

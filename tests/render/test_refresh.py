@@ -106,9 +106,8 @@ def test_screen_refresh_leaves_a_queue_that_late_wakes_fill(queue: int) -> None:
         SimulatedScreen(rate_hz=60, claimed_hz=60, drift=500e-6),
         *(SimulatedScreen(rate_hz=rate_hz, claimed_hz=60) for rate_hz in (48, 75, 144)),
         *(
-            SimulatedScreen(rate_hz=60, claimed_hz=60, moves_to_hz=rate_hz, claims_move=claims)
+            SimulatedScreen(rate_hz=60, claimed_hz=60, moves_to_hz=rate_hz)
             for rate_hz in (30, 75, 144)
-            for claims in (True, False)
         ),
     ],
     ids=str,

@@ -18,8 +18,8 @@ import pytest
 
 from lfpipe.host.machine import OPENCV
 from lfpipe.render import listeners
-from lfpipe.render.choice import TrackedEyes
 from lfpipe.render.listeners import PICTURES, ReplayWriter
+from lfpipe.render.presenter import TrackedEyes
 from lfpipe.replays.compare import compare
 from lfpipe.replays.report import REPORT, TRACE, about_scene, digests, read_trace
 from lfpipe.replays.run import clear_out, update_reference

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Track
 from lfpipe.render.display.display import Display
-from lfpipe.render.synthesis.pair_layout import Pair
+from lfpipe.render.synthesis.anaglyph import Pair
 from lfpipe.track.engine import Face
 from lfpipe.track.filters.base import EyeFilter, Points
 

@@ -22,7 +22,7 @@ from lfpipe.bench.simulator.screen import PacedScreen, Screen
 from lfpipe.bench.simulator.scripts import Script, Window
 from lfpipe.config import Config, Render, Track
 from lfpipe.eyes import EYES, EyesRecord
-from lfpipe.render.choice import DisplayTime, EyesSource, choose
+from lfpipe.render.presenter import DisplayTime, EyesSource, choose
 from lfpipe.render.synthesis.compositor import Key
 from lfpipe.render.synthesis.viewpoint import limited, pair_clamped
 from lfpipe.render.viewer.geometry import parallax

@@ -70,7 +70,7 @@ class PacedScreen:
         handed_ns = max(begun_ns + cost_ns, refresh.earliest_ns(due_ns))
         vblank = math.ceil((handed_ns + screen.deadline_ms * MS_NS - T0_NS) / screen.period_ns)
         if composed:
-            refresh.add_cost(cost_ns, begun_ns, due_ns)
+            refresh.add_cost(cost_ns)
             shown_ns = (
                 screen.vblank_ns(vblank) // MS_NS * MS_NS + MS_NS // 2
             )  # reported in whole ms

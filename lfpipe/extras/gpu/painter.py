@@ -22,8 +22,8 @@ from lfpipe.extras.gpu.shader import disparity_texels, mixture, source
 from lfpipe.host.machine import has_gpu
 from lfpipe.render.synthesis.anaglyph import Recipe
 from lfpipe.render.synthesis.blocks import size_of
+from lfpipe.render.synthesis.compositor import PainterLost
 from lfpipe.render.synthesis.engine import Cameras
-from lfpipe.render.synthesis.painter import PainterLost
 from lfpipe.render.synthesis.scene_views import SceneViews
 from lfpipe.render.synthesis.viewpoint import Position
 from lfpipe.render.synthesis.warper import LEVELS
@@ -150,7 +150,7 @@ class ShaderPainter:
 
     def reset(self) -> None:
         """See `Painter`."""
-        self._cameras.replace(self._views.field)
+        self._cameras = Cameras(self._views.field)
         self._textures.layers.clear()
 
     def paint(

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from lfpipe.host.presentation import Presented
 
 if TYPE_CHECKING:
-    from lfpipe.render.synthesis.pair_layout import Pair
+    from lfpipe.render.synthesis.anaglyph import Pair
 
 
 @attrs.frozen

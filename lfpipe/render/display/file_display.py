@@ -20,7 +20,7 @@ from lfpipe.files.safe_files import check_regular, create_private
 from lfpipe.files.video_writer import IN_FRAGMENTS, VideoWriter, require_encoder, write_error
 from lfpipe.host.terminal import OPENCV_ERROR, opencv_logging
 from lfpipe.render.display.display import Display, DisplayNotice
-from lfpipe.render.synthesis.pair_layout import Pair
+from lfpipe.render.synthesis.anaglyph import Pair
 
 # FFmpeg prints its own errors; notices repeat them
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")

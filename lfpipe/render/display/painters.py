@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area
 from lfpipe.render.display.window_system import pygame, uses_renderer, video
-from lfpipe.render.synthesis.pair_layout import scale_into
+from lfpipe.render.synthesis.anaglyph import scale_into
 
 RED_MASKS = {0xFF0000: cv2.COLOR_BGR2BGRA, 0xFF: cv2.COLOR_BGR2RGBA}
 

@@ -50,8 +50,8 @@ class Refresh:
         """The earliest submission of a picture for target_ns."""
         return target_ns
 
-    def add_cost(self, cost_ns: int, t_started_ns: int, target_ns: int) -> None:
-        """Adds what a picture for target_ns, begun at t_started_ns, cost."""
+    def add_cost(self, cost_ns: int) -> None:
+        """Adds what a picture cost."""
         share = COST_SHARE if self._cost_ns else 1.0
         self._cost_ns += int(share * (cost_ns - self._cost_ns))
 
@@ -97,17 +97,15 @@ class Refresh:
 PHASE_GAIN, PERIOD_GAIN = 0.3, 0.01
 OFF_GRID = 0.35  # of a period: a vblank further off belongs to another grid
 OFF_COUNT = 5  # after this many such vblanks in a row the clock follows the other grid
-# around the nominal one, if the period is not reported: the error of a rate in whole Hz at 25 Hz
+# of a period: beyond it from the reported one, the window is on another screen
 PERIOD_RANGE = 0.12
 EARLY_NS = MS_NS // 4  # after a vblank; no submission for the next one before this
 # The lead is the mean cost of a picture and a margin, which holds the rest: how much costs vary,
 # how late the process wakes up, how long before a vblank the window system takes a picture.
 MARGIN_NS = 4 * MS_NS  # at first: most window systems need less
-MIN_MARGIN_NS = MS_NS // 2
-EARLY_STEP_NS = MS_NS
 # The first late picture for a while widens the margin by the least step, for a machine that stands
-# still now and then is late with any margin; the next ones by twice as much each.
-MIN_STEP_NS, MAX_STEP_NS = MS_NS // 2, MS_NS
+# still now and then is late with any margin; the next ones by twice as much.
+STEP_NS = MS_NS // 2
 SOON = 20  # pictures
 # A screen may show the oldest of several pictures in flight. After a late one, each then takes the
 # vblank of the next, for good: after this many in a row, as many vblanks as they are late get no
@@ -115,9 +113,9 @@ SOON = 20  # pictures
 MAX_QUEUED = 20
 # Punctual pictures narrow the margin, by the cube of their number since the last late one: by the
 # least step in 500, so that 1 picture in 500 is late, and by 8 ms in 1000.
-NARROWING = 4 * MIN_STEP_NS / 500**4
+NARROWING = 4 * STEP_NS / 500**4
 MAX_COST_PERIODS = 4.0  # of a picture: slower ones say nothing about the next
-MAX_PERIODS = 2.5  # a compositor may require a picture a whole period before its vblank
+MAX_AHEAD_PERIODS = 1.5  # by which a compositor may require a picture earlier than others
 # The margin's limit where it requires none: no picture may be submitted earlier, so more margin
 # covers only late wake-ups. At 144 Hz, without this limit, every second vblank gets no picture.
 MAX_MARGIN_PERIODS = 1.25
@@ -127,45 +125,25 @@ class ScreenClock:
     """The grid of vblanks: its period and phase. nominal_hz: the rate the screen claims."""
 
     def __init__(self, nominal_hz: float, t0_ns: int) -> None:
-        self._claimed_ns = self._nominal_ns = 1e9 / nominal_hz
-        self.period_ns = self._nominal_ns
+        self.period_ns = 1e9 / nominal_hz
         self._t_ns = float(t0_ns)
-        self._off = 0
-        self.measured = False  # whether a vblank was reported
-
-    @property
-    def rate_hz(self) -> float:
-        return SECOND_NS / self.period_ns
-
-    def claim(self, nominal_hz: float) -> None:
-        """Takes the rate that the screen claims. If it changes, the window has moved, and the grid
-        is detected again.
-        """
-        if abs(1e9 / nominal_hz - self._claimed_ns) > 1:
-            self._claimed_ns = self._nominal_ns = self.period_ns = 1e9 / nominal_hz
-            self.measured = False
+        self._off = OFF_COUNT
 
     def vblank(self, t_ns: int, period_ns: int = 0) -> None:
         """Adds a vblank at t_ns. period_ns: reported with it, or 0."""
-        if period_ns and abs(period_ns / self._nominal_ns - 1) > PERIOD_RANGE and period_ns > MS_NS:
+        if abs(period_ns / self.period_ns - 1) > PERIOD_RANGE and period_ns > MS_NS:
             # another monitor, or one that claims another rate
-            self._nominal_ns = self.period_ns = float(period_ns)
-            self.measured = False
+            self.period_ns = float(period_ns)
+            self._off = OFF_COUNT
         count = round((t_ns - self._t_ns) / self.period_ns)
         error_ns = t_ns - self._t_ns - count * self.period_ns
-        if not self.measured or abs(error_ns) > OFF_GRID * self.period_ns:
-            self._off += 1
-            if not self.measured or self._off >= OFF_COUNT:
-                self._t_ns = float(t_ns)
-                self._off = 0
-                self.measured = True
-            return
-        self._off = 0
-        if count <= 0:
-            return
-        self._t_ns += count * self.period_ns + PHASE_GAIN * error_ns
-        low_ns, high_ns = (self._nominal_ns * (1 + way * PERIOD_RANGE) for way in (-1, 1))
-        self.period_ns = min(max(self.period_ns + PERIOD_GAIN * error_ns / count, low_ns), high_ns)
+        self._off = self._off + 1 if abs(error_ns) > OFF_GRID * self.period_ns else 0
+        if self._off >= OFF_COUNT:
+            self._t_ns = float(t_ns)
+            self._off = 0
+        elif count > 0 and not self._off:
+            self._t_ns += count * self.period_ns + PHASE_GAIN * error_ns
+            self.period_ns += PERIOD_GAIN * error_ns / count
 
     def nearest(self, t_ns: float) -> int:
         """The vblank nearest to t_ns."""
@@ -185,9 +163,6 @@ class ScreenRefresh(Refresh):
         self._cost_ns = 0
         self._last_cost_ns = 0
         self._punctual = 0  # pictures since the last late one
-        self._since_stall = SOON  # pictures since one was submitted a period too late
-        self._step_ns = MIN_STEP_NS
-        self._unjudged: list[tuple[int, int]] = []  # (target, submission) of replaced pictures
         self._margin_ns = float(MARGIN_NS)
         # by how much more than a period before its vblank a picture may be submitted
         self._ahead_ns = 0.0
@@ -197,7 +172,11 @@ class ScreenRefresh(Refresh):
 
     @property
     def period_ns(self) -> int:
-        every = max(1, round(self.clock.rate_hz / self._limit_hz)) if self._limit_hz else 1
+        every = (
+            max(1, round(SECOND_NS / self.clock.period_ns / self._limit_hz))
+            if self._limit_hz
+            else 1
+        )
         return round(every * self.clock.period_ns)
 
     def due_ns(self) -> int:
@@ -213,7 +192,7 @@ class ScreenRefresh(Refresh):
     def add_eyes(self, source_seq: int, t_sensor_ns: int, t_eyes_ns: int) -> None:
         pass
 
-    def add_cost(self, cost_ns: int, t_started_ns: int, target_ns: int) -> None:
+    def add_cost(self, cost_ns: int) -> None:
         """A picture may cost several periods, and is then begun as long before its vblank. A single
         one of more than a period is a stall: it counts as the one before.
         """
@@ -221,33 +200,20 @@ class ScreenRefresh(Refresh):
         if cost_ns > self.clock.period_ns:
             counted_ns = min(counted_ns, self._last_cost_ns)
         self._last_cost_ns = cost_ns
-        super().add_cost(counted_ns, t_started_ns, target_ns)
+        super().add_cost(counted_ns)
 
     def judge(self, target_ns: int, t_handed_ns: int, t_presented_ns: int) -> bool:
         """Learns from a picture for the vblank target_ns, shown at t_presented_ns, 0 for never;
         returns whether that was not its vblank.
 
-        One that was replaced would have been shown when its successor was.
-        """
-        if not self.clock.measured:
-            return not t_presented_ns
-        self._unjudged.append((target_ns, t_handed_ns))
-        if not t_presented_ns:
-            return True
-        for unjudged in self._unjudged:
-            vblanks = self._record_vblank(*unjudged, t_presented_ns)
-        self._unjudged.clear()
-        return bool(vblanks)
-
-    def _record_vblank(self, target_ns: int, t_handed_ns: int, t_presented_ns: int) -> int:
-        """By how many vblanks the picture was late.
-
         Late: the lead was too short. A whole period early: too long. A picture begun before the
         margin changed is no evidence about the new margin, and one that its own process submitted
-        a period too late is a stall, unless that has happened lately. A late one that was submitted
-        more than a period before it was shown waited for another, which no margin changes.
+        a period too late was stalled. A late one that was submitted more than a period before it
+        was shown waited for another, which no margin changes. One that was replaced is late by a
+        vblank.
         """
         period_ns = self.clock.period_ns
+        t_presented_ns = t_presented_ns or round(target_ns + period_ns)
         vblanks = round((t_presented_ns - target_ns) / period_ns)
         if vblanks <= 0 or t_presented_ns - t_handed_ns <= period_ns:
             self._queued = 0
@@ -255,43 +221,31 @@ class ScreenRefresh(Refresh):
         self._queued += vblanks > 0
         if self._queued == MAX_QUEUED:
             self._due_ns += round(vblanks * period_ns)
-            self._margin_ns = self._margin_before_ns + MAX_STEP_NS
+            self._margin_ns = self._margin_before_ns + 2 * STEP_NS
             self._changed_ns = t_presented_ns
-        self._since_stall += 1
-        stalled = t_handed_ns >= target_ns + period_ns
-        is_single = stalled and self._since_stall > SOON
-        if stalled:
-            self._since_stall = 0
-        if t_handed_ns <= self._changed_ns or is_single:
-            return vblanks
+        if t_handed_ns <= self._changed_ns or t_handed_ns >= target_ns + period_ns:
+            return vblanks != 0
+        self._punctual += 1
+        if vblanks < 0:
+            self._margin_ns -= 2 * STEP_NS
+            self._ahead_ns = max(self._ahead_ns - 2 * STEP_NS, 0.0)
+        elif vblanks:
+            step_ns = STEP_NS * (1 + (self._punctual <= SOON))
+            if t_handed_ns <= self.earliest_ns(target_ns) + EARLY_NS:
+                # even the earliest submission was late: the compositor takes pictures ahead
+                self._ahead_ns = min(self._ahead_ns + step_ns, MAX_AHEAD_PERIODS * period_ns)
+            self._margin_ns += step_ns * max(1.0, self._cost_ns / period_ns)
+        else:
+            self._margin_ns -= NARROWING * self._punctual**3
         if vblanks:
-            if vblanks < 0:
-                self._margin_ns -= EARLY_STEP_NS
-                self._ahead_ns = max(self._ahead_ns - EARLY_STEP_NS, 0.0)
-            else:
-                if t_handed_ns <= self.earliest_ns(target_ns) + EARLY_NS:
-                    # even the earliest submission was late: the compositor takes pictures ahead
-                    most_ns = (MAX_PERIODS - 1) * period_ns
-                    self._ahead_ns = min(self._ahead_ns + self._step_ns, most_ns)
-                again = self._punctual < SOON
-                self._step_ns = min(2 * self._step_ns, MAX_STEP_NS) if again else MIN_STEP_NS
-                self._margin_ns += self._step_ns * max(1.0, self._cost_ns / period_ns)
             self._changed_ns = max(t_presented_ns, t_handed_ns)
             self._punctual = 0
-        else:
-            self._punctual += 1
-            self._margin_ns -= NARROWING * self._punctual**3
-        own_ns = MAX_MARGIN_PERIODS * max(period_ns, self._cost_ns) + self._ahead_ns
-        most_ns = min(MAX_PERIODS * period_ns, own_ns)
-        self._margin_ns = min(max(self._margin_ns, MIN_MARGIN_NS), most_ns)
-        return vblanks
+        most_ns = MAX_MARGIN_PERIODS * max(period_ns, self._cost_ns) + self._ahead_ns
+        self._margin_ns = min(max(self._margin_ns, STEP_NS), most_ns)
+        return vblanks != 0
 
-    def vblanks(self, reports: list[Presented], nominal_hz: float) -> None:
-        """Takes the window system's reports.
-
-        nominal_hz: the rate that the window's monitor claims.
-        """
-        self.clock.claim(nominal_hz)
+    def vblanks(self, reports: list[Presented]) -> None:
+        """Takes the window system's reports."""
         for report in reports:
             if report.t_ns:
                 self.clock.vblank(report.t_ns, report.period_ns)

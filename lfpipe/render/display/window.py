@@ -1,5 +1,5 @@
-"""The window on the screen: pictures through a painter, the overlay, keys and clicks as events, and
-the times of display.
+"""The window on the screen: pictures through a painter, zoomed by the wheel and panned by a drag,
+the overlay, keys and clicks as events, and the times of display.
 """
 
 import contextlib
@@ -21,8 +21,55 @@ from lfpipe.render.display.display import Display, Event, Overlay
 from lfpipe.render.display.monitors import find_monitor, monitors
 from lfpipe.render.display.painters import Panel, open_painter
 from lfpipe.render.display.window_system import open_presentation, pygame
-from lfpipe.render.display.zoom import Zoom
-from lfpipe.render.synthesis.pair_layout import Pair, arrange_stereo_pair
+from lfpipe.render.synthesis.anaglyph import Pair, arrange_stereo_pair
+
+STEP = 1.2  # of the factor for a step of the wheel: four double it
+MOST = 8.0  # a pixel of the scene is then as large as a letter
+Share = tuple[float, float]
+
+
+@attrs.define
+class Zoom:
+    """A factor, and the place in the middle as shares of the picture's width and height."""
+
+    factor: float = 1.0
+    x: float = 0.5
+    y: float = 0.5
+
+    @property
+    def active(self) -> bool:
+        """Whether a part of the picture is hidden."""
+        return self.factor > 1.0
+
+    def turn(self, steps: int, at: Share) -> None:
+        """Zooms in by steps of the wheel, or out; the place under the pointer stays.
+
+        at: the pointer, as shares of what is shown.
+        """
+        before = self.factor
+        self.factor = min(max(before * STEP**steps, 1.0), MOST)
+        change = 1 / before - 1 / self.factor
+        self._move(self.x + (at[0] - 0.5) * change, self.y + (at[1] - 0.5) * change)
+
+    def drag(self, by: Share) -> None:
+        """Moves the picture with the pointer. by: shares of what is shown."""
+        self._move(self.x - by[0] / self.factor, self.y - by[1] / self.factor)
+
+    def reset(self) -> None:
+        """Shows the whole picture."""
+        self.factor, self.x, self.y = 1.0, 0.5, 0.5
+
+    def _move(self, x: float, y: float) -> None:
+        half = 0.5 / self.factor
+        self.x, self.y = (min(max(at, half), 1 - half) for at in (x, y))
+
+    def part(self, rows: int, cols: int) -> tuple[slice, slice]:
+        """The part of a picture of that size."""
+        high, wide = max(1, round(rows / self.factor)), max(1, round(cols / self.factor))
+        top = min(max(round(self.y * rows - high / 2), 0), rows - high)
+        left = min(max(round(self.x * cols - wide / 2), 0), cols - wide)
+        return slice(top, top + high), slice(left, left + wide)
+
 
 USUAL_MM = 531.0  # width of a 24-inch screen of 16:9, for monitors that report no size
 # least height of a line of text: its letters have 15 px; and its share of the monitor's height: 17
@@ -312,7 +359,7 @@ class ScreenWindow(Display):
                 self._typed = (self._typed + native.unicode)[-len(self._code) :]
             if self._typed == self._code:
                 return Event("quit")
-            return self._visit(native) if native.type in MOUSE else None
+            return self._mouse(native) if native.type in MOUSE else None
         if native.type == pygame.QUIT:
             return Event("quit")
         if native.type == pygame.DROPFILE:
@@ -321,16 +368,6 @@ class ScreenWindow(Display):
             key = NAMES.get(native.key) or native.unicode.lower()
             return self._view.key(key) if key else None
         return self._mouse(native) if native.type in MOUSE else None
-
-    def _visit(self, native: pygame.Event) -> Event | None:
-        """What a click or a touch means in a locked window: an entry of the overlay, or nothing."""
-        self._point(native)
-        if native.type == pygame.MOUSEWHEEL:
-            return None
-        event = self._view.mouse(native, self._at_px())
-        if event is not None and event.name:  # it does not look around
-            self.pointer = attrs.evolve(self.pointer, right=False)
-        return event
 
     def _at_px(self) -> tuple[int, int]:
         """The pointer, in px of the window."""
@@ -355,9 +392,11 @@ class ScreenWindow(Display):
             self.pointer = attrs.evolve(self.pointer, x=x, y=y, **held)
 
     def _mouse(self, native: pygame.Event) -> Event | None:
-        """Moves the pointer; what a click or a touch means."""
+        """Moves the pointer; what a click or a touch means: in a locked window, an entry of the
+        overlay, or nothing.
+        """
         before = self._at_shown()
-        if native.type == pygame.MOUSEWHEEL and not self.pointer.right:
+        if native.type == pygame.MOUSEWHEEL and not (self.pointer.right or self._code):
             if self._view.mouse(native, self._at_px()) is None:
                 self._zoom.turn(native.y, before)
             return None
@@ -367,9 +406,10 @@ class ScreenWindow(Display):
         if native.type == pygame.MOUSEBUTTONUP:
             self._pans = False
         if event is not None and event.name:
-            # a click, and no drag of the view
-            self.pointer = attrs.evolve(self.pointer, left=False)
-        elif native.type == pygame.MOUSEBUTTONDOWN and native.button == 1:
+            # a click, and no drag of the view; it does not look around
+            right = self.pointer.right and not self._code
+            self.pointer = attrs.evolve(self.pointer, left=False, right=right)
+        elif native.type == pygame.MOUSEBUTTONDOWN and native.button == 1 and not self._code:
             self._press(at_px)
         elif self._pans:
             after = self._at_shown()

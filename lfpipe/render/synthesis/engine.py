@@ -40,10 +40,6 @@ class Cameras:
         self._offsets = field.offsets.astype(np.float64)
         self._regular = not self._offsets.any()
 
-    def replace(self, field: LightField) -> None:
-        """Takes the viewpoints of views that a program drew anew."""
-        self._drawn = field.eye_positions
-
     def weights(self, method: str, position: Position, eye: int) -> list[ViewWeight]:
         """The stored views of a picture."""
         if self._drawn is not None:
@@ -105,7 +101,7 @@ class Synthesiser:
 
     def reset(self) -> None:
         """Takes the disparities of the scene anew, which were replaced."""
-        self._cameras.replace(self._scene.field)
+        self._cameras = Cameras(self._scene.field)
         if self._warper is not None:
             self._warper.reset()
 

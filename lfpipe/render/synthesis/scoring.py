@@ -18,9 +18,8 @@ from lfpipe.config.quality import METHODS, SIZES, WARPS
 from lfpipe.config.tree import Method
 from lfpipe.files.decoding import fit_area
 from lfpipe.host.machine import add
-from lfpipe.render.synthesis.compositor import Compositor
+from lfpipe.render.synthesis.compositor import Compositor, Painters
 from lfpipe.render.synthesis.engine import Synthesiser
-from lfpipe.render.synthesis.painter import Painters
 from lfpipe.render.synthesis.scene_views import SceneViews, reduced
 from lfpipe.render.synthesis.viewpoint import Position
 from lfpipe.scene.lightfield import LightField, MethodScores

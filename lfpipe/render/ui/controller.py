@@ -1,7 +1,8 @@
 """The user interface of the window: the open page, the overlay, and one dispatch for all events.
 
-What an event does is a row of ACTIONS. Settings are requests to the supervisor, so every stage gets
-a change; files and folders are read and written in a thread, so nothing here waits for a disk.
+What an event does is a row of ACTIONS, or a page of `Ui.pages`. Settings are requests to the
+supervisor, so every stage gets a change; files and folders are read and written in a thread, so
+nothing here waits for a disk.
 """
 
 import time
@@ -16,8 +17,6 @@ from lfpipe.render.display.display import Display, Event, Item, Notice, Overlay,
 from lfpipe.render.display.file_display import save
 from lfpipe.render.display.open_display import HINT
 from lfpipe.render.presenter import Presenter
-from lfpipe.render.ui.calibration import CalibrationPage
-from lfpipe.render.ui.files import Files
 from lfpipe.render.ui.keys import CLOSING, DEPTH, HELP, bar_items
 from lfpipe.render.ui.notices import (
     ASKED_NS,
@@ -26,7 +25,6 @@ from lfpipe.render.ui.notices import (
     USE_CAMERA,
     USE_MOUSE,
     VIEWERS,
-    ChangeNotices,
     Notices,
     for_window,
     short,
@@ -36,15 +34,21 @@ from lfpipe.render.ui.notices import (
 )
 from lfpipe.render.ui.pages import (
     GHOST,
+    CalibrationPage,
     GlassesTest,
-    MetricsPage,
     Page,
     glasses_menu,
+    metrics_page,
     viewer_menu,
 )
-from lfpipe.render.ui.recording import RecordingIndicator, user_folder
-from lfpipe.render.ui.scenes import FolderPage, SceneLoader, ScenePage
-from lfpipe.render.ui.settings import Settings
+from lfpipe.render.ui.scenes import FolderPage, SceneLoader, ScenePage, caption
+from lfpipe.render.ui.settings import (
+    ChangeNotices,
+    Files,
+    RecordingIndicator,
+    Settings,
+    user_folder,
+)
 from lfpipe.render.viewer.mouse_look import MouseLook
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.scene.demo import NAMES
@@ -78,18 +82,17 @@ class Ui:
         self.settings = Settings(context, viewer, self.notices, files)
         self.scenes = SceneLoader(context, self.notices)
         self.recording = RecordingIndicator(context, self.notices)
-        self.scene_page = ScenePage(context, files)
-        self.folder_page = FolderPage(context, files)
-        self.metrics_page = MetricsPage(context, viewer, presenter)
-        self.help_page = Page(lambda: Overlay(title="Keys and mouse", lines=HELP))
         self.calibration = CalibrationPage(context, presenter, files)
-        self.viewer_page = Page(
-            lambda: Overlay(menu=viewer_menu(viewer_kind(context.options.viewer)))
-        )
-        self.glasses_question = Page(
-            lambda: Overlay(menu=glasses_menu(context.config.render.anaglyph))
-        )
-        self.glasses_test = GlassesTest(context, presenter, self.settings)
+        self.pages = {
+            "overlay": metrics_page(context, viewer, presenter),
+            "help": Page(lambda _: Overlay(title="Keys and mouse", lines=HELP)),
+            "open": FolderPage(context, files),
+            "choose": ScenePage(context, files),
+            "which": Page(lambda _: Overlay(menu=glasses_menu(context.config.render.anaglyph))),
+            "who": Page(lambda _: Overlay(menu=viewer_menu(viewer_kind(context.options.viewer)))),
+            "glasses": GlassesTest(context, presenter, self.settings),
+        }
+        """By the actions that open them."""
         self._mouse = mouse
         self._pointer = Pointer()
         self._display = display
@@ -97,24 +100,16 @@ class Ui:
         self.dismissed = False
         self._changes = ChangeNotices(context, viewer, self.notices, files)
         options, first = context.options, not context.row["restarts"]
-        self.page: Page | None = self.glasses_question if options.ask_glasses and first else None
+        self.page = self.pages["which"] if options.ask_glasses and first else None
         """The page over the picture."""
         # opens after the question and the test of the glasses
         self._waiting: Page | None = self.calibration if options.calibrate_mm and first else None
         if options.start and first:
-            self._waiting = self.scene_page
+            self._waiting = self.pages["choose"]
         if not (options.lock_code or self.page or self._waiting):
             self.notices.show("hint", HINT, HINT_NS)
         self._changes.show_doubts()
         self._set_overlay(now_ns())  # keys that are pressed now are for the menu
-
-    @property
-    def _shows_demo(self) -> bool:
-        """Whether a recorded face moves a demo, and nobody has said that this is all right."""
-        options = self.context.options
-        can_choose = isinstance(options.display, Window) and not options.lock_code
-        is_demo = viewer_kind(options.viewer) == "demo" and self.viewer.field.name in NAMES
-        return can_choose and is_demo and not self.dismissed and self.page is None
 
     def serve(self) -> None:
         """Handles the events since the last call and updates the overlay."""
@@ -147,7 +142,7 @@ class Ui:
         """Does what the key of an action does, and returns what the window says to it."""
         before = self.notices.newest
         self._do(Event(name, value=value))
-        if self.page is self.glasses_test:
+        if self.page is self.pages["glasses"]:
             return self.page.overlay(now_ns()).lines[0]
         newest = self.notices.newest
         return "" if newest is before or newest is None else newest.text
@@ -158,7 +153,9 @@ class Ui:
             return
         if event.name in CLOSING and not (self.page and self.page.stays):
             self.close_page()
-        if event.name in ACTIONS:
+        if event.name in self.pages:
+            self.open_page(self.pages[event.name])
+        elif event.name in ACTIONS:
             ACTIONS[event.name](self, event)
 
     def handle(self, answer: Answer) -> None:
@@ -177,7 +174,7 @@ class Ui:
             who = viewer_name(self.context.options.viewer)
             self.notices.show("viewer", LOOKING.get(who, f"Viewer: {who}"))
         elif answer.cmd == "keep":
-            self.calibration.stored()
+            self.calibration.is_stored = True
 
     def open_page(self, page: Page) -> None:
         """Opens a page instead of the current one; closes it if it is open."""
@@ -206,15 +203,16 @@ class Ui:
     def _set_overlay(self, t_ns: int) -> None:
         if self._waiting is not None and self.page is None:
             self.open_page(self._waiting)
+        options, name = self.context.options, self.viewer.field.name
+        display, is_locked = options.display, bool(options.lock_code)
         standing = [
-            Notice(self.scenes.status()),
+            Notice(self.scenes.opening),
             *standing_notices(self.context, self._display.knows_rows),
-            *[RECORDED_FACE] * self._shows_demo,
         ]
+        is_demo = viewer_kind(options.viewer) == "demo" and name in NAMES
+        if is_demo and isinstance(display, Window) and not (is_locked or self.dismissed):
+            standing += [RECORDED_FACE] * (self.page is None)
         page = self.page.overlay(t_ns) if self.page else Overlay()
-        display = self.context.options.display
-        is_locked = bool(self.context.options.lock_code)
-        name = self.viewer.field.name
         if is_locked:
             page = self._caption(standing)
         overlay = attrs.evolve(
@@ -223,7 +221,7 @@ class Ui:
             scene=display.title if is_locked and isinstance(display, Window) else name,
             step="" if is_locked else self.scenes.working,
             progress=self.scenes.progress,
-            viewer=viewer_name(self.context.options.viewer),
+            viewer=viewer_name(options.viewer),
             bar=self._bar(),
             recording=self.recording.status,
         )
@@ -235,7 +233,8 @@ class Ui:
     def _caption(self, standing: list[Notice]) -> Overlay:
         """What visitors see in a locked window."""
         options = self.context.options
-        title, text = self.scenes.caption(self.viewer.field.name)
+        scene = Path(options.playlist[options.playlist_at])
+        title, text = caption(scene, self.viewer.field.name)
         several = len(options.playlist) > 1
         return Overlay(
             caption=(title, text, *(notice.text for notice in standing)),
@@ -275,10 +274,6 @@ def _recentre(ui: Ui, _event: Event) -> None:
     ui.notices.show("centre", "Centred where you are")
 
 
-def _pause(ui: Ui, _event: Event) -> None:
-    ui.context.request("resume" if ui.context.paused else "pause")
-
-
 def _load(ui: Ui, event: Event) -> None:
     ui.close_page()
     if event.text:
@@ -286,11 +281,6 @@ def _load(ui: Ui, event: Event) -> None:
     else:
         text = "The file's name cannot be read: rename it to plain letters, then drop it again"
         ui.notices.show("scene", text, 2 * SHOWN_NS)
-
-
-def _show_one(ui: Ui, event: Event) -> None:
-    """Shows one picture of a folder."""
-    ui.context.request("load", scene=event.text, layout="picture")
 
 
 def _dismiss(ui: Ui, _event: Event) -> None:
@@ -303,7 +293,7 @@ def _wear(ui: Ui, event: Event) -> None:
     ui.settings.keep({"anaglyph": event.text})
     ui.settings.set(anaglyph=event.text)
     if event.text != "mono":
-        ui.open_page(ui.glasses_test)
+        ui.open_page(ui.pages["glasses"])
 
 
 def _look(ui: Ui, event: Event) -> None:
@@ -343,17 +333,10 @@ def _save_picture(ui: Ui, _event: Event) -> None:
 ACTIONS: Mapping[str, Action] = {
     "quit": lambda ui, _: ui.context.request("stop"),
     "recentre": _recentre,
-    "freeze": _pause,
+    "freeze": lambda ui, _: ui.context.request("resume" if ui.context.paused else "pause"),
     "screenshot": _save_picture,
     # pages
-    "overlay": lambda ui, _: ui.open_page(ui.metrics_page),
-    "help": lambda ui, _: ui.open_page(ui.help_page),
-    "open": lambda ui, _: ui.open_page(ui.folder_page),
-    "choose": lambda ui, _: ui.open_page(ui.scene_page),
-    "which": lambda ui, _: ui.open_page(ui.glasses_question),
-    "who": lambda ui, _: ui.open_page(ui.viewer_page),
     "look": _look,
-    "glasses": lambda ui, _: ui.open_page(ui.glasses_test),
     "calibrate": _calibrate,
     "close": lambda ui, _: ui.close_page(),
     "dismiss": _dismiss,
@@ -372,7 +355,9 @@ ACTIONS: Mapping[str, Action] = {
     GHOST: lambda ui, event: ui.settings.set(ghost_compensation=round(100 * event.value)),
     # scenes and recordings
     "load": _load,
-    "show-one": _show_one,
+    "show-one": lambda ui, event: ui.context.request(
+        "load", scene=event.text, layout="picture"
+    ),  # of a folder
     **dict.fromkeys(("next", "more"), lambda ui, _: ui.scenes.step(1)),
     **dict.fromkeys(("previous", "less"), lambda ui, _: ui.scenes.step(-1)),
     "record": lambda ui, _: ui.recording.toggle(),

@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import attrs
 
-from lfpipe.render.display.display import NO_EVENT, Event
+from lfpipe.render.display.display import NO_EVENT, Event, Item
 from lfpipe.render.display.window_system import pygame, written
 
 Colour = tuple[int, int, int] | tuple[int, int, int, int]
@@ -60,19 +60,19 @@ def draw_card(
     surface: pygame.Surface,
     rect: pygame.Rect,
     unit: int,
-    lit: bool = False,
-    pressed: bool = False,
+    item: Item,
+    lit: Highlight,
+    plain: Colour | None,
     focused: bool = False,
-    plain: Colour | None = CARD,
-) -> None:
-    """The back of an item in its state. plain: of one without any."""
-    colour = plain
-    if lit:
-        colour = PRESSED if pressed else HOVERED
+) -> bool:
+    """The back of an item in its state; returns whether it is lit. plain: of one without any."""
+    is_lit = item.event == lit.event and not item.off
+    colour = (PRESSED if lit.pressed else HOVERED) if is_lit else plain
     if colour is not None:
         pygame.draw.rect(surface, colour, rect, border_radius=unit)
     if focused:
         pygame.draw.rect(surface, ACCENT, rect, max(2, unit // 4), border_radius=unit)
+    return is_lit
 
 
 def badge(key: str, text_px: int, unit: int) -> pygame.Surface:

@@ -2,20 +2,13 @@
 
 import re
 from collections.abc import Iterable, Iterator
-from functools import partial
 from pathlib import Path
 
-from lfpipe.config import Render
-from lfpipe.config.modes import CameraViewer, MouseViewer, NoViewer, Window
+from lfpipe.config.modes import CameraViewer, MouseViewer, NoViewer
 from lfpipe.config.modes import Viewer as ViewerKind
-from lfpipe.config.quality import level_number
 from lfpipe.notices import notices
 from lfpipe.render.display.display import Event, Item, Notice
-from lfpipe.render.synthesis.viewpoint import zero_plane_px
-from lfpipe.render.ui.files import Files
 from lfpipe.render.viewer.viewer import Viewer
-from lfpipe.scene.inverted_depth import remember, undecided
-from lfpipe.scene.lightfield import HARDLY_FIT
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.metrics import summary_ms
@@ -41,7 +34,6 @@ ROWS_UNKNOWN = Notice(
     "The eyes may be swapped in a window.", (Item("Full screen", Event("fullscreen")),)
 )
 PAUSED = "Paused: p or Space resumes"
-INVERTED = Item("Swap near and far", Event("invert-depth"), "d")
 GLASSES = {  # value of render.anaglyph -> its glasses
     "dubois": "red/cyan glasses",
     "colour": "red/cyan glasses, full colours",
@@ -54,8 +46,6 @@ GLASSES = {  # value of render.anaglyph -> its glasses
     "side-by-side": "a 3D television, side by side",
     "row-interleaved": "a 3D screen, row by row",
 }
-
-
 VIEWERS = {"camera": "Camera", "mouse": "Mouse", "demo": "Recorded face"}
 
 
@@ -98,10 +88,6 @@ class Notices:
         """Shows text, and what can be done about it, for shown_ns."""
         self._passing.pop(subject, None)  # the newest comes last
         self._passing[subject] = Notice(text, items), now_ns() + shown_ns
-
-    def dismiss(self) -> None:
-        """Ends all of them."""
-        self._passing.clear()
 
     @property
     def newest(self) -> Notice | None:
@@ -148,88 +134,6 @@ def metrics(context: Context, viewer: Viewer) -> tuple[str, ...]:
         lines += ["", f"Column of {field.cols}"]
         lines += [f"{name}\t{col + 1:.1f}\t{col / last}" for name, col in places]
     return tuple(lines)
-
-
-def changes(before: Render, now: Render, alpha_px: float, plane_px: float) -> dict[str, str]:
-    """A notice for each changed setting that is visible, by its key.
-
-    alpha_px, plane_px: the previous values, for a setting that was "auto".
-    """
-    words = {
-        "depth": f"Depth {now.depth:.0%}: 0 % is comfortable, 100 % true",
-        "anaglyph": f"For {GLASSES[now.anaglyph]}" if now.anaglyph != "mono" else "No glasses",
-        "zero_plane_px": "Scene "
-        + _direction(now.zero_plane_px, plane_px, "further back", "further forward"),
-        "alpha_px": f"Parallax: {_direction(now.alpha_px, alpha_px, 'more', 'less')}",
-        "method": f"Views: {now.method}",
-        "swap_eyes": "Eyes swapped" if now.swap_eyes else "Eyes not swapped",
-        "ghost_compensation": f"Ghosts {now.ghost_compensation:.0f} %",
-    }
-    return {
-        name: text for name, text in words.items() if getattr(before, name) != getattr(now, name)
-    }
-
-
-def _direction(value: float | str, before: float, up: str, down: str) -> str:
-    if isinstance(value, str):
-        return "automatic"
-    return up if value > before else down
-
-
-class ChangeNotices:
-    """Shows a notice for each change of settings, scene and quality, from any client."""
-
-    def __init__(self, context: Context, viewer: Viewer, shown: Notices, files: Files) -> None:
-        self._context = context
-        self._files = files
-        self._viewer = viewer
-        self._shown = shown
-        self._render = context.config.render
-        self._level = level_number(context.options)
-        self._scene = viewer.field.name
-        self._inverted = viewer.field.depth_inverted
-        self._alpha_px = 0.0  # before the latest change
-
-    def update(self) -> bool:
-        """Shows changes since the last call; returns whether the scene changed."""
-        field = self._viewer.field
-        render, before = self._context.config.render, self._render
-        if render is not before:
-            texts = changes(before, render, self._alpha_px, zero_plane_px(field, before))
-            for subject, text in texts.items():
-                self._shown.show(subject, text)
-            self._render = render
-        if self._viewer.parallax is not None:
-            self._alpha_px = self._viewer.parallax.alpha_px
-        level = level_number(self._context.options)
-        if level and not self._level:
-            self._shown.show("quality", "Busy computer: picture quality reduced")
-        self._level = level
-        is_new = field.name != self._scene
-        if is_new:
-            self._shown.show("scene", field.name)
-            self.show_doubts()
-        elif field.depth_inverted != self._inverted:
-            self._shown.show("depth order", "Near and far swapped")
-        self._scene, self._inverted = field.name, field.depth_inverted
-        return is_new
-
-    def show_doubts(self) -> None:
-        """Shows that the views of a scene hardly fit together; and how to invert depth, the first
-        time that a scene of undecided depth is shown.
-        """
-        options = self._context.options
-        field = self._viewer.field
-        on_screen = isinstance(options.display, Window) and not options.lock_code
-        if on_screen and HARDLY_FIT in field.manifest.notes:
-            count = field.rows * field.cols
-            one = Item("Show one", Event("show-one", field.manifest.source))
-            self._shown.show(
-                "views", f"These {count} pictures hardly fit together.", ASKED_NS, (one,)
-            )
-        if on_screen and undecided(field, self._context.config.scene.invert_depth):
-            self._shown.show("depth order", "Does the depth look inverted?", ASKED_NS, (INVERTED,))
-            self._files.do(partial(remember, field, "asked"))
 
 
 def standing_notices(context: Context, knows_rows: bool) -> Iterator[Notice]:

@@ -6,9 +6,10 @@ equal calls of a panel's function in a row return the same panel.
 
 import math
 import time
-from collections.abc import Sequence
+from bisect import bisect
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
-from itertools import product
+from itertools import accumulate, product
 
 import attrs
 import cv2
@@ -67,6 +68,7 @@ PRESSED_OR_NOT = (pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP)
 EDGE_PX = 16  # from the window's edge
 GAP_PX = 8  # between two panels
 SMALLEST_TEXT_PX = 11  # of a line, where a small window shows all keys
+ANY_PX = 1 << 16  # room without a limit
 MIN_MENU_PX = 12  # of a menu in a window below 450 px, where every item must be reachable
 COLUMN_UNITS = 4  # between two columns of text
 COLUMN_LETTERS = 6  # least width of a column over the height of its lines: two words
@@ -96,22 +98,13 @@ class ItemPanel(Panel):
 
     def cell(self, place: Place) -> Cell | None:
         """The item at a place of the window, and its rectangle in the window."""
-        return next(
-            (
-                (item, rect.move(self.at))
-                for item, rect in self.cells
-                if rect.move(self.at).collidepoint(place)
-            ),
-            None,
-        )
+        cells = ((item, rect.move(self.at)) for item, rect in self.cells)
+        return next((cell for cell in cells if cell[1].collidepoint(place)), None)
 
     @property
-    def top_px(self) -> int:
-        return self.at[1]
-
-    @property
-    def bottom_px(self) -> int:
-        return self.at[1] + self.surface.get_height()
+    def rect(self) -> pygame.Rect:
+        """Its place in the window."""
+        return self.surface.get_rect(topleft=self.at)
 
 
 def _groove(rect: pygame.Rect) -> pygame.Rect:
@@ -128,16 +121,20 @@ def _draw_slider(surface: pygame.Surface, item: Item, rect: pygame.Rect, y: int,
     pygame.draw.aacircle(surface, SECOND if item.off else TEXT, (at, y), max(6, unit))
 
 
-def _flow(widths: Sequence[int], room_px: int, height: int, gap: int) -> list[pygame.Rect]:
-    """Rectangles of those widths beside each other, in as many rows as they need."""
-    rects = list[pygame.Rect]()
-    x = y = 0
-    for width in widths:
-        if x and x + width > room_px:
-            x, y = 0, y + height + gap
-        rects.append(pygame.Rect(x, y, width, height))
+def _pages(sizes: Iterable[Place], room_px: Place, gap: int) -> list[list[pygame.Rect]]:
+    """Rectangles of those sizes beside each other, in as many rows and pages as they need."""
+    pages = list[list[pygame.Rect]]([[]])
+    x = y = bottom = 0
+    for width, height in sizes:
+        if x and x + width > room_px[0]:
+            x, y = 0, bottom + gap
+        if pages[-1] and y + height > room_px[1]:
+            pages.append([])
+            x = y = 0
+        pages[-1].append(pygame.Rect(x, y, width, height))
         x += width + gap
-    return rects
+        bottom = y + height
+    return pages
 
 
 def _cross(width: int, unit: int) -> Cell:
@@ -156,8 +153,7 @@ def _draw_button(
 ) -> None:
     """A label with its key, or above its slider; without a back if it is a single letter."""
     back = ACCENT if item.main and not item.off else CARD
-    is_lit = item.event == lit.event and not item.off
-    draw_card(surface, rect, unit, is_lit, lit.pressed, plain=back if len(item.label) > 1 else None)
+    is_lit = draw_card(surface, rect, unit, item, lit, back if len(item.label) > 1 else None)
     colour = DARK if back == ACCENT and not is_lit else TEXT
     label = written(item.label, text_px, OFF if item.off else colour, item.main)
     if item.slider is not None:
@@ -172,11 +168,16 @@ def _draw_button(
         surface.blit(key, key.get_rect(midleft=(place.right + unit, rect.centery)))
 
 
-def _button_px(item: Item, text_px: int, unit: int) -> int:
-    """The width of a button."""
-    key = badge(item.key, text_px, unit).get_width() + unit if item.key else 0
-    label = font(text_px, item.main).size(item.label)[0]
-    return max(label + key + 4 * unit, 18 * unit * (item.slider is not None))
+def _button_rects(items: Sequence[Item], text_px: int, room_px: int) -> list[pygame.Rect]:
+    """The places of buttons, in as many rows as they need."""
+    unit = unit_px(text_px)
+    sizes = list[Place]()
+    for item in items:
+        key = badge(item.key, text_px, unit).get_width() + unit if item.key else 0
+        label = font(text_px, item.main).size(item.label)[0]
+        least = 18 * unit * (item.slider is not None)
+        sizes.append((max(label + key + 4 * unit, least), CONTROL_UNITS * unit))
+    return _pages(sizes, (room_px, ANY_PX), unit)[0]
 
 
 ICON_SHARE = 0.6  # of the usual place of an icon, at least: still larger than a fingertip needs
@@ -249,11 +250,8 @@ def _draw_entry(
     unit: int,
 ) -> None:
     """An entry of the bar: an icon or a slider, and its label."""
-    is_lit = item.event == lit.event and not item.off
-    draw_card(surface, rect, unit, is_lit, lit.pressed, plain=None)
-    colour = RED if item.warns else TEXT
-    if item.off:
-        colour = OFF
+    draw_card(surface, rect, unit, item, lit, None)
+    colour = OFF if item.off else RED if item.warns else TEXT
     label = written(item.label * worded, text_px, colour)
     is_over = worded and not beside
     middle = rect.top + 2 * unit if is_over else rect.centery
@@ -271,6 +269,7 @@ def _draw_entry(
         surface.blit(label, label.get_rect(midleft=(rect.left + 9 * unit // 2, rect.centery)))
 
 
+@lru_cache(2)
 def tip_panel(item: Item, over: tuple[int, int], window_px: Place, text_px: int) -> ItemPanel:
     """The name of an entry of the bar and its key, or why it is off. over: the middle of its upper
     edge.
@@ -278,30 +277,9 @@ def tip_panel(item: Item, over: tuple[int, int], window_px: Place, text_px: int)
     key = f" ({item.key})" if item.key else ""
     tip = Notice(item.label + key + f": {item.more}" * item.off)
     panel = notice_panel(tip, over[1] - GAP_PX, False, window_px, text_px)
-    most_px = window_px[0] - EDGE_PX - panel.surface.get_width()
-    x = min(max(over[0] - panel.surface.get_width() // 2, EDGE_PX), most_px)
-    return ItemPanel(surface=panel.surface, at=(x, panel.top_px))
-
-
-def _pages(
-    items: Sequence[Item], room_px: Place, row_px: int, tile_px: Place, unit: int
-) -> list[dict[int, pygame.Rect]]:
-    """The places of a menu's items on its pages, by number: rows of the whole width, and tiles
-    beside each other.
-    """
-    pages = list[dict[int, pygame.Rect]]([{}])
-    x = y = 0
-    for number, item in enumerate(items):
-        size = (room_px[0], row_px if item.event.name else 2 * row_px // 3) if item.row else tile_px
-        before = pages[-1].get(number - 1)
-        if before is not None and (item.row or x + size[0] > room_px[0]):
-            x, y = 0, before.bottom + unit
-        if pages[-1] and y + size[1] > room_px[1]:
-            pages.append({})
-            x = y = 0
-        pages[-1][number] = pygame.Rect(x, y, *size)
-        x += size[0] + unit
-    return pages
+    most_px = window_px[0] - EDGE_PX - panel.rect.width
+    x = min(max(over[0] - panel.rect.width // 2, EDGE_PX), most_px)
+    return attrs.evolve(panel, at=(x, panel.rect.top))
 
 
 @lru_cache(2)
@@ -329,11 +307,18 @@ def menu_panel(
     wide = (room[0] + unit) // cols - unit
     least_px = side if room[1] > 3 * side else font(text_px).get_linesize() + unit
     tile_px = wide, min(room[1], round(TILE_SHAPE * wide) + 2 * text_px + 3 * unit)
-    pages = _pages(menu.items, room, least_px, tile_px, unit)
-    page = next(k for k, places in enumerate(pages) if selected in places)
-    places = {number: rect.move(pad, head_px) for number, rect in pages[page].items()}
-    whole = places if len(pages) == 1 else {0: pygame.Rect(0, 0, 0, head_px + room[1])}
-    surface = panel_surface(width, max(rect.bottom for rect in whole.values()) + pad, unit)
+    sizes = (
+        (room[0], least_px if item.event.name else 2 * least_px // 3) if item.row else tile_px
+        for item in menu.items
+    )
+    pages = _pages(sizes, room, unit)
+    starts = list(accumulate(map(len, pages), initial=0))
+    page = bisect(starts, selected) - 1
+    places = {
+        number: rect.move(pad, head_px) for number, rect in enumerate(pages[page], starts[page])
+    }
+    used_px = max(rect.bottom for rect in pages[0]) if len(pages) == 1 else room[1]
+    surface = panel_surface(width, head_px + used_px + pad, unit)
     surface.blit(title, title.get_rect(midleft=(pad, unit // 2 + side // 2)))
     for number, rect in places.items():
         item = menu.items[number]
@@ -371,8 +356,7 @@ def _draw_row(
         heading = written(item.label, text_px, TEXT, True)
         surface.blit(heading, heading.get_rect(midleft=(rect.left, rect.centery)))
         return
-    back = PRESSED if item.main else CARD
-    draw_card(surface, rect, unit, item.event == lit.event, lit.pressed, focused, back)
+    draw_card(surface, rect, unit, item, lit, PRESSED if item.main else CARD, focused)
     x = rect.left + 2 * unit
     if item.icon:
         drawing = icon(item.icon, 3 * unit, TEXT)
@@ -419,7 +403,7 @@ def _draw_tile(
     unit: int,
 ) -> None:
     """A card with a picture or an icon, and the label and a second line below it."""
-    draw_card(surface, rect, unit, item.event == lit.event, lit.pressed, focused)
+    draw_card(surface, rect, unit, item, lit, CARD, focused)
     room = rect.inflate(-2 * unit, -2 * unit)
     y = room.bottom
     colour = RED if item.warns else SECOND
@@ -528,8 +512,7 @@ def text_panel(
         blocks = [_block(part, size_px, key_px, wrap_px) for part in sections]
         places = _columns(blocks, cols, unit)
         body = pygame.Rect.unionall(places[0], places[1:])
-        widths = [_button_px(item, size_px, unit) for item in text.items]
-        rects = _flow(widths, round(room[0] - 2 * pad), CONTROL_UNITS * unit, unit)
+        rects = _button_rects(text.items, size_px, round(room[0] - 2 * pad))
         row = pygame.Rect(0, 0, 0, -unit).unionall(rects)
         width = max(body.width + aside_px, title.get_width() + cross_px, row.width) + 2 * pad
         height = top + body.height + unit + row.height + pad
@@ -576,8 +559,7 @@ def notice_panel(
     pad = 2 * unit
     room = window_px[0] - 2 * EDGE_PX - 2 * pad
     text = written(notice.text, text_px, TEXT, wrap_px=room)
-    widths = [_button_px(item, text_px, unit) for item in notice.items]
-    rects = _flow(widths, room, CONTROL_UNITS * unit, unit)
+    rects = _button_rects(notice.items, text_px, room)
     row = pygame.Rect(0, 0, -2 * unit, 0).unionall(rects)
     beside = text.get_width() + 2 * unit + row.width <= room
     width, height = text.get_width() + 2 * pad, text.get_height() + pad
@@ -628,7 +610,7 @@ def caption_panels(
     panels = [ItemPanel(surface=about, at=(EDGE_PX, bottom_px - about.get_height()))]
     if overlay.items:
         turns = notice_panel(Notice("", overlay.items), 0, True, window_px, large_px, lit)
-        right, height = window_px[0] - EDGE_PX, turns.bottom_px
+        right, height = window_px[0] - EDGE_PX, turns.rect.bottom
         at = right - turns.surface.get_width(), bottom_px - height
         panels.append(attrs.evolve(turns, at=at))
     if overlay.elapsed is not None:
@@ -675,26 +657,22 @@ def top_px(text_px: int) -> int:
     return EDGE_PX + font(text_px).get_linesize() + 2 * unit_px(text_px) + GAP_PX
 
 
-def _action(key: str) -> Event | None:
-    return Event(KEY_ACTIONS[key]) if key in KEY_ACTIONS else None
-
-
+@attrs.define(eq=False, slots=False)
 class OverlayView:
     """Draws an overlay, and maps input on it to events."""
 
-    def __init__(self) -> None:
-        self._overlay = Overlay()
-        self._panels = list[ItemPanel]()
-        self._at = 0  # the selected item of the menu
-        self._lit = NO_HIGHLIGHT
-        self._over: Cell | None = None  # what the pointer is on
-        self._used = NO_EVENT  # pressed, and the pointer is still there: it needs no tip
-        self._held: Cell | None = None  # a slider
-        self._bar: ItemPanel | None = None  # while it is shown
-        self._pointer_px = (-1, -1)
-        self._bar_from_s = math.inf  # when the bar appears, for BAR_S
-        self._edge_px = 0  # pointer motion below shows the bar or keeps it
-        self._menu: ItemPanel | None = None
+    _overlay: Overlay = attrs.field(factory=Overlay)
+    _panels: list[ItemPanel] = attrs.field(factory=list)
+    _at: int = 0  # the selected item of the menu
+    _over: Cell | None = None  # what the pointer is on
+    _pressed: bool = False  # whether that is pressed
+    _used: Event = NO_EVENT  # pressed, and the pointer is still there: it needs no tip
+    _held: Cell | None = None  # a slider
+    _bar: ItemPanel | None = None  # while it is shown
+    _pointer_px: Place = (-1, -1)
+    _bar_from_s: float = math.inf  # when the bar appears, for BAR_S
+    _edge_px: int = 0  # pointer motion below shows the bar or keeps it
+    _menu: ItemPanel | None = None
 
     def set(self, overlay: Overlay) -> None:
         """Replaces the overlay."""
@@ -716,7 +694,9 @@ class OverlayView:
 
     def _highlight_of(self, *items: Item) -> Highlight:
         """What is lit of some items: the others need not be drawn again."""
-        return self._lit if any(item.event == self._lit.event for item in items) else NO_HIGHLIGHT
+        event = self._over[0].event if self._over else NO_EVENT
+        is_one = event.name and any(item.event == event for item in items)
+        return Highlight(event, self._pressed) if is_one else NO_HIGHLIGHT
 
     def panels(self, window_px: Place, text_px: int) -> list[ItemPanel]:
         """The panels, the topmost last; equal calls return the same ones.
@@ -725,23 +705,22 @@ class OverlayView:
         """
         overlay = self._overlay
         now_s = time.monotonic()
-        bar = None
+        bar, at = None, self._pointer_px
         if overlay.bar:
             bar = bar_panel(overlay.bar, self._highlight_of(*overlay.bar), window_px, text_px)
         if bar is None or now_s > self._bar_from_s + BAR_S:
             self._bar_from_s = math.inf
-        is_used = self._held is not None or self._is_over(self._bar)
+        is_used = self._held is not None or bool(self._bar and self._bar.rect.collidepoint(at))
         is_awake = bar is not None and (now_s >= self._bar_from_s or is_used)
         if is_awake and is_used:
             self._bar_from_s = now_s
         if bar is not None and is_awake and self._bar is None and self._over is None:
-            self._over = bar.cell(self._pointer_px)  # the bar has come under the pointer
-            self._lit = Highlight(self._over[0].event) if self._over else NO_HIGHLIGHT
+            self._over = bar.cell(at)  # the bar has come under the pointer
         self._bar = bar if is_awake else None
         # space for the bar stays free, so that nothing moves when it appears
-        bar_top_px = bottom_px = window_px[1] if bar is None else bar.top_px
+        bar_top_px = bottom_px = window_px[1] if bar is None else bar.rect.top
         corners = self._corners(is_awake, window_px, text_px)
-        below_px = max([top_px(text_px), *(one.bottom_px + GAP_PX for one in corners)])
+        below_px = max([top_px(text_px), *(one.rect.bottom + GAP_PX for one in corners)])
         pages, notices = list[ItemPanel](), list[ItemPanel]()
         if overlay.lines:
             page = Overlay(
@@ -750,15 +729,14 @@ class OverlayView:
             lit = self._highlight_of(CLOSE, *overlay.items)
             is_small = bar_top_px < SMALL * below_px
             from_px = EDGE_PX if overlay.items or is_small else below_px
-            place = bar_top_px, window_px, text_px, from_px
-            pages.append(text_panel(page, *place, lit))
-            bottom_px = pages[0].top_px if overlay.items else bottom_px
+            pages.append(text_panel(page, bar_top_px, window_px, text_px, from_px, lit))
+            bottom_px = pages[0].rect.top if overlay.items else bottom_px
         bottom_px -= GAP_PX
         if overlay.caption:
             lit = self._highlight_of(*overlay.items)
             shown = Overlay(caption=overlay.caption, items=overlay.items, elapsed=overlay.elapsed)
             pages += caption_panels(shown, bottom_px - EDGE_PX, window_px, text_px, lit)
-            bottom_px = min(panel.top_px for panel in pages) - GAP_PX
+            bottom_px = min(panel.rect.top for panel in pages) - GAP_PX
         for notice in reversed(overlay.notices):
             if notice.items and overlay.menu is not None:  # one question at a time
                 continue
@@ -767,37 +745,27 @@ class OverlayView:
             y_px = below_px if at_top else bottom_px
             notices.append(notice_panel(notice, y_px, at_top, window_px, text_px, lit))
             if at_top:
-                below_px = notices[-1].bottom_px + GAP_PX
+                below_px = notices[-1].rect.bottom + GAP_PX
             else:
-                bottom_px = notices[-1].top_px - GAP_PX
+                bottom_px = notices[-1].rect.top - GAP_PX
         self._menu = None
         if overlay.menu is not None:
-            area_px = window_px[0], bar_top_px
             lit = self._highlight_of(CLOSE, *TURNS, *overlay.menu.items)
             corners = corners[:1] if overlay.recording else []
-            over_px = max((corner.bottom_px for corner in corners), default=0)
+            over_px = max((corner.rect.bottom for corner in corners), default=0)
+            area_px = window_px[0], bar_top_px
             self._menu = menu_panel(overlay.menu, self._at, area_px, text_px, lit, over_px)
             pages.append(self._menu)
-        self._edge_px = round((1 - BAR_EDGE) * window_px[1])
-        bars = list[ItemPanel]()
+        self._panels = [*pages, *notices, *corners]
+        self._edge_px = bar_top_px if is_awake else round((1 - BAR_EDGE) * window_px[1])
         if bar is not None and is_awake:
-            bars.append(bar)
-            self._edge_px = bar_top_px
-            is_new = self._over is not None and self._over[0].event != self._used
-            entries = {item.event.name: item for item in overlay.bar}
-            name = self._over[0].event.name if self._over is not None and is_new else ""
-            if name in bar.bare or (name in entries and entries[name].off):
-                assert self._over is not None
-                over = self._over[1].centerx, bar_top_px
-                bars.append(tip_panel(entries[name], over, window_px, text_px))
-        self._panels = [*pages, *notices, *corners, *bars]
+            self._panels.append(bar)
+            if self._over is not None and self._over[0].event != self._used:
+                item, rect = self._over
+                if item in overlay.bar and (item.off or item.event.name in bar.bare):
+                    tip = tip_panel(item, (rect.centerx, bar_top_px), window_px, text_px)
+                    self._panels.append(tip)
         return self._panels
-
-    def _is_over(self, panel: ItemPanel | None) -> bool:
-        """Whether the pointer is on a panel."""
-        return panel is not None and panel.surface.get_rect(topleft=panel.at).collidepoint(
-            self._pointer_px
-        )
 
     def _corners(self, is_awake: bool, window_px: Place, text_px: int) -> list[ItemPanel]:
         """The recording, the viewer and the scene in the upper corners."""
@@ -806,7 +774,7 @@ class OverlayView:
         dot = AMBER if overlay.viewer == VIEWERS["demo"] else ACCENT
         for text, colour in ((overlay.recording, RED), (overlay.viewer * is_awake, dot)):
             if text:
-                top_px = panels[-1].bottom_px + GAP_PX if panels else EDGE_PX
+                top_px = panels[-1].rect.bottom + GAP_PX if panels else EDGE_PX
                 panels.append(dot_panel(text, colour, top_px, window_px, text_px))
         if overlay.step or (overlay.scene and (is_awake or overlay.caption)):
             step = overlay.step, overlay.progress
@@ -821,12 +789,13 @@ class OverlayView:
         if key == "escape":
             covered = menu is not None or bool(self._overlay.lines)
             return Event("close" if covered else "leave-fullscreen")
-        if menu is None or self._menu is None:
-            return _action(key)
-        if key in MOVES:
-            self._at = self._moved(menu, self._menu.places, key)
-            return None
-        return menu.items[self._at].event if key == "enter" else _action(key)
+        if menu is not None and self._menu is not None:
+            if key in MOVES:
+                self._at = self._moved(menu, self._menu.places, key)
+                return None
+            if key == "enter":
+                return menu.items[self._at].event
+        return Event(KEY_ACTIONS[key]) if key in KEY_ACTIONS else None
 
     def _moved(self, menu: Menu, places: dict[int, pygame.Rect], key: str) -> int:
         """The number of the item that a key selects."""
@@ -834,7 +803,7 @@ class OverlayView:
         step = MOVES[key]
         if key in ("left", "right"):
             return usable[(usable.index(self._at) + step) % len(usable)]
-        here = places[self._at]
+        here = places.get(self._at, pygame.Rect(0, 0, 0, 0))  # another page is not drawn yet
         beyond = [
             (abs(rect.top - here.top), abs(rect.left - here.left), number)
             for number, rect in places.items()
@@ -860,9 +829,9 @@ class OverlayView:
         )
         lit = self._over[0].event if self._over is not None else NO_EVENT
         is_down = event.type == pygame.MOUSEBUTTONDOWN or (
-            self._lit.pressed and event.type == pygame.MOUSEMOTION
+            self._pressed and event.type == pygame.MOUSEMOTION
         )
-        self._lit = Highlight(lit, is_down) if lit.name else NO_HIGHLIGHT
+        self._pressed = is_down and bool(lit.name)
         if is_down or lit != self._used:
             self._used = lit if is_down else NO_EVENT
         if event.type == pygame.MOUSEBUTTONUP:

@@ -4,7 +4,7 @@ import contextlib
 import re
 from collections import Counter
 from collections.abc import Mapping
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 
 import attrs
@@ -18,7 +18,6 @@ from lfpipe.files.decoding import fit_area
 from lfpipe.files.safe_files import reason
 from lfpipe.host.files import exists
 from lfpipe.render.display.display import Event, Item, Menu, Overlay
-from lfpipe.render.ui.files import Files
 from lfpipe.render.ui.notices import (
     ASKED_NS,
     VIEWERS,
@@ -28,6 +27,7 @@ from lfpipe.render.ui.notices import (
     viewer_name,
 )
 from lfpipe.render.ui.pages import Page
+from lfpipe.render.ui.settings import Files
 from lfpipe.scene.cache import cache_dir, packed
 from lfpipe.scene.demo import MARKER
 from lfpipe.scene.files import HOLDS_ALL, PICTURES, entries, natural, read_bytes
@@ -118,17 +118,16 @@ def _title(folder: Path) -> str:
     return text
 
 
+@attrs.define(eq=False)
 class FolderPage(Page):
     """The content of a folder; another one is entered, a file or the folder itself loaded. Scenes
     that were opened before have a picture.
     """
 
-    def __init__(self, context: Context, files: Files) -> None:
-        super().__init__()
-        self._context = context
-        self._files = files
-        self._content: Content | None = None
-        self._pictures: dict[str, Seen] = {}
+    _context: Context
+    _files: Files
+    _content: Content | None = None
+    _pictures: dict[str, "Seen"] = attrs.field(factory=dict)
 
     def open(self) -> None:
         """Reads the folder again: files may be new."""
@@ -183,12 +182,14 @@ WORK = {
 LOOK = Event("who")
 Seen = tuple[NDArray[np.uint8] | None, str]  # a small picture of a scene, and what it is
 UNSEEN: Seen = None, ""
+CAMERA_LOOKS = Item("Viewer", LOOK, icon="camera", row=True)
 MOUSE_LOOKS = Item("Viewer: mouse", LOOK, icon="mouse", row=True)
 
 
 class SceneLoader:
     """Requests scenes.
 
+    opening: what is being loaded for any client, and what is done with it; "" for nothing.
     progress: share of the packer's work on the scene on the screen; None without. working: what it
     does.
     """
@@ -197,12 +198,11 @@ class SceneLoader:
         self._context = context
         self._notices = notices
         self._steps = 0
-        self._opening = ""  # what is being loaded for any client, and what is done with it
+        self.opening = ""
         self.progress: float | None = None
         self.working = ""
         self._unusable = context.options.unusable
         self._first_due_ns = 0
-        self._captioned, self._caption = Path(), ("", "")
         self._shown_at, self._shown_ns = -1, 0  # scene of the playlist, and since when
 
     def step(self, step: int) -> None:
@@ -210,20 +210,20 @@ class SceneLoader:
         if len(self._context.options.playlist) < 2:
             self._notices.show("scene", "No other scene yet", ASKED_NS, (OTHER,))
             return
-        self._opening = self._opening or "Opening ..."
+        self.opening = self.opening or "Opening ..."
         self._steps += step  # since a scene was shown
         self._context.request("load", step=self._steps)
 
     def load(self, scene: Path) -> None:
         """Requests the scene at a path, instead of one requested before."""
-        self._opening = f"Opening {scene.name} ..."
+        self.opening = f"Opening {scene.name} ..."
         self._context.request("load", scene=str(scene))
 
     def handle(self, answer: Answer) -> None:
         """Handles the answer to a request."""
         if answer.values.get("replaced"):
             return
-        self._opening, self._steps = "", 0
+        self.opening, self._steps = "", 0
         if note := answer.values.get("note"):
             self._notices.show("note", note, NOTES_NS)
 
@@ -237,20 +237,8 @@ class SceneLoader:
             return
         scenes, scene = self._context.options.playlist, news["scene"]
         place = f" (scene {scenes.index(scene) + 1} of {len(scenes)})" if scene in scenes else ""
-        self._opening = f"Opening {Path(scene).name}{place}" + f": {step}" * bool(step)
-        self._opening *= bool(word)
-
-    def status(self) -> str:
-        """What is being loaded; "" for nothing."""
-        return self._opening
-
-    def caption(self, name: str) -> tuple[str, str]:
-        """The title of the scene on show and what there is to say about it."""
-        options = self._context.options
-        path = Path(options.playlist[options.playlist_at])
-        if path != self._captioned:
-            self._captioned, self._caption = path, captions(path.parent).get(path.name, (name, ""))
-        return self._caption
+        self.opening = f"Opening {Path(scene).name}{place}" + f": {step}" * bool(step)
+        self.opening *= bool(word)
 
     @property
     def elapsed(self) -> float:
@@ -266,7 +254,7 @@ class SceneLoader:
         for path in options.unusable.keys() - self._unusable.keys():
             self._notices.show("unusable", f"Not shown: {options.unusable[path]}", NOTES_NS)
         self._unusable = options.unusable
-        if self._opening or options.playlist_at != self._shown_at:
+        if self.opening or options.playlist_at != self._shown_at:
             self._shown_at, self._shown_ns = options.playlist_at, t_ns
         if options.every_s and len(options.playlist) > 1:
             if t_ns - self._shown_ns > options.every_s * SECOND_NS:
@@ -284,15 +272,18 @@ class SceneLoader:
             self._context.request("load", at=0)
 
 
-def captions(folder: Path) -> dict[str, tuple[str, str]]:
-    """What captions.txt in a folder says of its scenes: NAME: TITLE | TEXT, a line each."""
-    told = {}
+@lru_cache(1)
+def caption(scene: Path, name: str) -> tuple[str, str]:
+    """The title of a scene and what there is to say about it, by captions.txt beside it: NAME:
+    TITLE | TEXT, a line each; without, its name alone.
+    """
     with contextlib.suppress(UserError, OSError):
-        for line in read_bytes(folder / CAPTIONS).decode(errors="replace").splitlines():
-            name, _, about = line.partition(":")
-            title, _, text = about.partition("|")
-            told[name.strip()] = plain(title.strip()), plain(text.strip())
-    return told
+        for line in read_bytes(scene.parent / CAPTIONS).decode(errors="replace").splitlines():
+            file, _, about = line.partition(":")
+            if file.strip() == scene.name:
+                title, _, text = about.partition("|")
+                return plain(title.strip()), plain(text.strip())
+    return name, ""
 
 
 def middle_view(scene: str, settings: Scene) -> Seen:
@@ -312,17 +303,16 @@ def middle_view(scene: str, settings: Scene) -> Seen:
     return UNSEEN
 
 
+@attrs.define(eq=False)
 class ScenePage(Page):
     """The scenes of the playlist as a menu, with who looks."""
 
-    def __init__(self, context: Context, files: Files) -> None:
-        super().__init__()
-        self._context = context
-        self._files = files
-        self._pictures: dict[str, Seen] = {}
-        self._camera: Reader | None = None
-        self._camera_due_ns = 0
-        self._camera_item = Item("Viewer", LOOK, icon="camera", row=True)
+    _context: Context
+    _files: Files
+    _pictures: dict[str, Seen] = attrs.field(factory=dict)
+    _camera: Reader | None = None
+    _camera_due_ns: int = 0
+    _camera_item: Item = CAMERA_LOOKS
 
     def menu(self) -> Menu:
         """The page with the pictures read so far; selects the scene on show."""

@@ -1,34 +1,82 @@
-"""Settings that a person changes in the window: the supervisor applies them, the window saves those
-that are kept.
+"""What a person changes in the window: settings, which the supervisor applies and the window keeps,
+and recordings; and the thread for a person's files.
 """
 
+import contextlib
+import os
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeVar
 
 import attrs
+import platformdirs
 
 from lfpipe.config import Render, choices, user_file
+from lfpipe.config.modes import Window
+from lfpipe.config.quality import level_number
 from lfpipe.config.user_files import write_keys
+from lfpipe.errors import UserError
+from lfpipe.host.files import exists
+from lfpipe.render.display.display import Event, Item
 from lfpipe.render.synthesis.viewpoint import zero_plane_px, zero_planes_px
-from lfpipe.render.ui.files import Files
-from lfpipe.render.ui.notices import Notices
+from lfpipe.render.ui.notices import ASKED_NS, GLASSES, Notices, short
 from lfpipe.render.viewer.viewer import Viewer
+from lfpipe.scene.inverted_depth import remember, undecided
+from lfpipe.scene.lightfield import HARDLY_FIT
+from lfpipe.sequence.folder import MANIFEST
+from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.context import Context
 
+T = TypeVar("T")
+
+
+class Files:
+    """A thread that reads and writes a person's files in order: a disk may be slow, or a network
+    drive dead. It ends with the stage, once everything is saved.
+    """
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._thread = ThreadPoolExecutor(1, "files")
+        self._waiting: deque[tuple[Future[Any], Callable[[Any], None]]] = deque()
+
+    def do(self, work: Callable[[], T], done: Callable[[T], None] = lambda _: None) -> None:
+        """Does work in the thread; `serve` then passes its result to done."""
+        self._waiting.append((self._thread.submit(work), done))
+
+    def serve(self) -> Iterator[UserError]:
+        """Passes on the results; yields the errors."""
+        while self._waiting and self._waiting[0][0].done():
+            future, done = self._waiting.popleft()
+            try:
+                done(future.result())
+            except UserError as error:
+                yield error
+
+    def close(self) -> None:
+        """Waits until everything is saved."""
+        with self._context.saving("saving your settings"):
+            self._thread.shutdown()
+
+
+INVERTED = Item("Swap near and far", Event("invert-depth"), "d")
 MODES = choices("render.anaglyph")
 KEPT = {"anaglyph": "Glasses", "swap_eyes": "Eyes", "ghost_compensation": "Ghosts"}  # in a notice
 
 
+@attrs.define(eq=False)
 class Settings:
     """Requests changes of [render] and of the order of depth."""
 
-    def __init__(self, context: Context, viewer: Viewer, notices: Notices, files: Files) -> None:
-        self._context = context
-        self._notices = notices
-        self._files = files
-        self._viewer = viewer
-        self._asked: dict[str, Any] = {}  # requested, and not yet applied
-        self._unanswered = 0
+    _context: Context
+    _viewer: Viewer
+    _notices: Notices
+    _files: Files
+    _asked: dict[str, Any] = attrs.field(factory=dict)  # requested, and not yet applied
 
     @property
     def render(self) -> Render:
@@ -38,17 +86,11 @@ class Settings:
     def set(self, **values: Any) -> None:
         """Changes keys of [render] until the session ends."""
         self._asked |= values
-        self._request({f"render.{name}": value for name, value in values.items()})
+        self._context.request("set", set={f"render.{key}": value for key, value in values.items()})
 
     def answered(self) -> None:
         """Takes the answer to a change: it is applied now, or refused."""
-        self._unanswered -= 1
-        if not self._unanswered:
-            self._asked.clear()
-
-    def _request(self, values: dict[str, Any]) -> None:
-        self._unanswered += 1
-        self._context.request("set", set=values)
+        self._asked.clear()
 
     def keep(self, values: dict[str, float | bool | str]) -> None:
         """Saves keys of [render] in the person's settings."""
@@ -71,7 +113,7 @@ class Settings:
     def invert_depth(self) -> None:
         """Inverts the depth of the scene."""
         word = "no" if self._viewer.field.depth_inverted else "yes"
-        self._request({"scene.invert_depth": word})
+        self._context.request("set", set={"scene.invert_depth": word})
 
     def automatic(self) -> None:
         """Makes depth and parallax automatic again."""
@@ -89,3 +131,157 @@ class Settings:
         """Multiplies alpha."""
         if self._viewer.parallax is not None:
             self.set(alpha_px=round(self._viewer.parallax.alpha_px * factor, 3))
+
+
+def changes(before: Render, now: Render, alpha_px: float, plane_px: float) -> dict[str, str]:
+    """A notice for each changed setting that is visible, by its key.
+
+    alpha_px, plane_px: the previous values, for a setting that was "auto".
+    """
+    words = {
+        "depth": f"Depth {now.depth:.0%}: 0 % is comfortable, 100 % true",
+        "anaglyph": f"For {GLASSES[now.anaglyph]}" if now.anaglyph != "mono" else "No glasses",
+        "zero_plane_px": "Scene "
+        + _direction(now.zero_plane_px, plane_px, "further back", "further forward"),
+        "alpha_px": f"Parallax: {_direction(now.alpha_px, alpha_px, 'more', 'less')}",
+        "method": f"Views: {now.method}",
+        "swap_eyes": "Eyes swapped" if now.swap_eyes else "Eyes not swapped",
+        "ghost_compensation": f"Ghosts {now.ghost_compensation:.0f} %",
+    }
+    return {
+        name: text for name, text in words.items() if getattr(before, name) != getattr(now, name)
+    }
+
+
+def _direction(value: float | str, before: float, up: str, down: str) -> str:
+    if isinstance(value, str):
+        return "automatic"
+    return up if value > before else down
+
+
+class ChangeNotices:
+    """Shows a notice for each change of settings, scene and quality, from any client."""
+
+    def __init__(self, context: Context, viewer: Viewer, shown: Notices, files: Files) -> None:
+        self._context = context
+        self._files = files
+        self._viewer = viewer
+        self._shown = shown
+        self._render = context.config.render
+        self._level = level_number(context.options)
+        self._scene = viewer.field.name
+        self._inverted = viewer.field.depth_inverted
+        self._alpha_px = 0.0  # before the latest change
+
+    def update(self) -> bool:
+        """Shows changes since the last call; returns whether the scene changed."""
+        field = self._viewer.field
+        render, before = self._context.config.render, self._render
+        if render is not before:
+            texts = changes(before, render, self._alpha_px, zero_plane_px(field, before))
+            for subject, text in texts.items():
+                self._shown.show(subject, text)
+            self._render = render
+        if self._viewer.parallax is not None:
+            self._alpha_px = self._viewer.parallax.alpha_px
+        level = level_number(self._context.options)
+        if level and not self._level:
+            self._shown.show("quality", "Busy computer: picture quality reduced")
+        self._level = level
+        is_new = field.name != self._scene
+        if is_new:
+            self._shown.show("scene", field.name)
+            self.show_doubts()
+        elif field.depth_inverted != self._inverted:
+            self._shown.show("depth order", "Near and far swapped")
+        self._scene, self._inverted = field.name, field.depth_inverted
+        return is_new
+
+    def show_doubts(self) -> None:
+        """Shows that the views of a scene hardly fit together; and how to invert depth, the first
+        time that a scene of undecided depth is shown.
+        """
+        options = self._context.options
+        field = self._viewer.field
+        on_screen = isinstance(options.display, Window) and not options.lock_code
+        if on_screen and HARDLY_FIT in field.manifest.notes:
+            count = field.rows * field.cols
+            one = Item("Show one", Event("show-one", field.manifest.source))
+            self._shown.show(
+                "views", f"These {count} pictures hardly fit together.", ASKED_NS, (one,)
+            )
+        if on_screen and undecided(field, self._context.config.scene.invert_depth):
+            self._shown.show("depth order", "Does the depth look inverted?", ASKED_NS, (INVERTED,))
+            self._files.do(partial(remember, field, "asked"))
+
+
+FLUSH_NS = 10 * SECOND_NS  # a slow disk may take as long to take the rest
+ENDED_NS = 8 * SECOND_NS  # time to read a path
+
+
+@attrs.define(eq=False)
+class RecordingIndicator:
+    """Starts and stops recordings, and shows the duration of any client's recording."""
+
+    _context: Context
+    _notices: Notices
+    _folder: str = ""
+    _began_ns: int = 0
+    _is_asked: bool = False
+    # the last one, its length, and until when it may still be written
+    _ended: tuple[Path, int, int] | None = None
+    status: str = ""
+    """Time of the current recording; "" for none."""
+
+    def toggle(self) -> None:
+        """Starts recording the camera and the eyes in the folder for pictures, or stops it."""
+        if self._is_asked:
+            return
+        path = ""
+        if not self._context.options.record:
+            path = str(
+                user_folder(platformdirs.user_videos_path())
+                / time.strftime("lfpipe-recording-%Y%m%d-%H%M%S")
+            )
+            if self._context.paused:
+                self._context.request("resume")
+            self._notices.show("record", "Starting the recording ...", FLUSH_NS)
+        self._is_asked = True
+        self._context.request("record", path=path)
+
+    def answered(self) -> None:
+        """Takes the answer to a request."""
+        self._is_asked = False
+
+    def update(self, t_ns: int) -> bool:
+        """Updates the status; returns whether it changed."""
+        folder = self._context.options.record
+        duration_s = (t_ns - self._began_ns) // SECOND_NS
+        if folder != self._folder:
+            if self._folder:
+                self._ended = Path(self._folder), duration_s, t_ns + FLUSH_NS
+            else:
+                self._notices.show("record", "Recording")
+            self._folder, self._began_ns, duration_s = folder, t_ns, 0
+        if self._ended is not None:
+            path, length_s, until_ns = self._ended
+            text = "Nothing recorded: stopped before the first frame"
+            if exists(path / MANIFEST):
+                text, until_ns = f"Camera recorded, {length_s} s: {short(path)}", 0
+            if t_ns >= until_ns:
+                self._ended = None
+                self._notices.show("record", text, ENDED_NS)
+        before, self.status = self.status, f"{duration_s // 60}:{duration_s % 60:02}" * bool(folder)
+        return self.status != before
+
+
+def user_folder(folder: Path) -> Path:
+    """A folder of the desktop's, as ~/Pictures, which is made if it is missing; the working
+    directory if the desktop has none.
+    """
+    with contextlib.suppress(OSError):
+        if folder != Path.home():
+            folder.mkdir(parents=True, exist_ok=True)
+        if folder != Path.home() and os.access(folder, os.W_OK):
+            return folder
+    return Path.cwd()

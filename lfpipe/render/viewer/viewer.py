@@ -25,8 +25,7 @@ from lfpipe.eyes import (
     middle_of,
 )
 from lfpipe.files.decoding import fit_area
-from lfpipe.render.synthesis.compositor import Compositor
-from lfpipe.render.synthesis.painter import Painters
+from lfpipe.render.synthesis.compositor import Compositor, Painters
 from lfpipe.render.synthesis.viewpoint import Place, Position, ViewSolver
 from lfpipe.render.viewer.geometry import Parallax, alpha_is_automatic, parallax
 from lfpipe.render.viewer.presence import (
@@ -197,11 +196,6 @@ class Viewer:
         self._next = None
         self._use(made)
         return True
-
-    @property
-    def draws_all_pixels(self) -> bool:
-        """Whether pictures have the light field's own size."""
-        return self.compositor.size_px == (self.field.width_px, self.field.height_px)
 
     def full_picture(self) -> NDArray[np.uint8]:
         """The last picture at the light field's own size: uint8 (height, width, 3) BGR."""
@@ -431,7 +425,9 @@ class Viewer:
             self._dragged = inside_px != centre_px
             centre_px = inside_px
             if self.presence.settled:
-                centre_px = _towards(centre_px, middle_of(eyes_px), dt_s, DISTANCE_S)
+                share = low_pass_gain(dt_s, DISTANCE_S)
+                (cx, cy), (x, y) = centre_px, middle_of(eyes_px)
+                centre_px = cx + (x - cx) * share, cy + (y - cy) * share
         self._centre_px = solver.centre_px = centre_px
 
     def _choose(self, eye_distance_px: float) -> None:
@@ -475,14 +471,6 @@ def _predicted(record: EyesRecord, prediction_ns: int) -> Eyes | None:
 def _flat(points: np.ndarray[Any, Any]) -> Eyes:
     lx, ly, rx, ry = points.ravel().tolist()
     return lx, ly, rx, ry
-
-
-def _towards(
-    place: tuple[float, float], to: tuple[float, float], dt_s: float, time_s: float
-) -> tuple[float, float]:
-    """place after dt_s on its way to another, by a low-pass of time constant time_s."""
-    share = low_pass_gain(dt_s, time_s)
-    return place[0] + (to[0] - place[0]) * share, place[1] + (to[1] - place[1]) * share
 
 
 def _is_absent(t_sensor_ns: int, t_shown_ns: int) -> bool:

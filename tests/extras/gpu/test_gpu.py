@@ -16,8 +16,7 @@ from lfpipe.config import Render
 from lfpipe.config.tree import Anaglyph
 from lfpipe.extras.gpu import painter as subject
 from lfpipe.extras.gpu.painter import Gpu, open_gpu
-from lfpipe.render.synthesis.compositor import Compositor
-from lfpipe.render.synthesis.painter import open_painters
+from lfpipe.render.synthesis.compositor import Compositor, open_painters
 from lfpipe.render.synthesis.viewpoint import Position
 from lfpipe.scene.lightfield import UNKNOWN, LightField
 from tests.render import rendered
