@@ -14,12 +14,11 @@ from lfpipe._version import __version__ as __version__
 
 if TYPE_CHECKING:
     from lfpipe.api.live_scene import LiveScene, Viewpoints
-    from lfpipe.api.scenes import open_scene, render_anaglyph, render_view
+    from lfpipe.api.scenes import Eyes, Tracker, open_scene, render_anaglyph, render_view
     from lfpipe.api.session import Attachment, Frame, Session, attach, replay
-    from lfpipe.api.tracker import Eyes, Tracker
     from lfpipe.errors import UserError
     from lfpipe.scene.lightfield import LightField
-    from lfpipe.track.head import Head
+    from lfpipe.track.eye_tracker import Head
 
 __all__ = [
     "Attachment",
@@ -40,12 +39,11 @@ __all__ = [
 ]
 _MODULES = {
     "api.live_scene": ("LiveScene", "Viewpoints"),
-    "api.scenes": ("open_scene", "render_anaglyph", "render_view"),
+    "api.scenes": ("Eyes", "Tracker", "open_scene", "render_anaglyph", "render_view"),
     "api.session": ("Attachment", "Frame", "Session", "attach", "replay"),
-    "api.tracker": ("Eyes", "Tracker"),
     "errors": ("UserError",),
     "scene.lightfield": ("LightField",),
-    "track.head": ("Head",),
+    "track.eye_tracker": ("Head",),
 }
 
 # A program that sets up no logging gets no messages, as from any library.

@@ -9,9 +9,9 @@ lfpipe.filters    a function of `config.Track` and device_latency_s that returns
 lfpipe.displays   a function of (argument, size_px, title, rate_hz) that returns a
                   `lfpipe.render.display.display.Display`; `--display NAME[:ARGUMENT]`
 lfpipe.sources    a subclass of `lfpipe.capture.spec.SourceKind`; `--camera NAME:...`
-lfpipe.commands   an `AddedCommand` or `AddedOption` of `lfpipe.cli.plugged`; its name is
+lfpipe.commands   an `AddedCommand` or `AddedOption` of `lfpipe.cli.terminal`; its name is
                   COMMAND, GROUP.COMMAND or COMMAND.--OPTION
-lfpipe.stages     a `lfpipe.transport.ring_io.Stage`: a row of the process table
+lfpipe.stages     a `lfpipe.transport.context.Stage`: a row of the process table
 lfpipe.requests   a module or object with the methods of `lfpipe.supervisor.requests.RequestPlugin`;
                   the name is that of the control command
 lfpipe.painters   a function of `render.device` and a thread that returns a

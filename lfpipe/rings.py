@@ -9,8 +9,7 @@ from pathlib import Path
 from lfpipe.errors import UserError
 from lfpipe.eyes import EYES, SHOWN
 from lfpipe.supervisor.rundir import find
-from lfpipe.transport.clock import now_ns
-from lfpipe.transport.ring import Reader, Stamp, StampKind
+from lfpipe.transport.ring import Reader, Stamp, StampKind, now_ns
 
 __all__ = [
     "EYES",

@@ -18,9 +18,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.track.engine import Engine, Face
+from lfpipe.track.engine import Engine, Face, MediapipeEngine
 from lfpipe.track.litert_engine import LitertEngine
-from lfpipe.track.mediapipe_engine import MediapipeEngine
 from profiling.arguments import existing, parser_of, start
 
 Picture = NDArray[np.uint8]

@@ -29,10 +29,9 @@ from lfpipe.bench.pipeline import (
     write_views,
 )
 from lfpipe.config import load
-from lfpipe.host.child import Child
-from lfpipe.scene.cache import cache_dir
-from lfpipe.scene.demo import demo_scene
+from lfpipe.host.worker import Child
 from lfpipe.scene.open_scene import open_scene
+from lfpipe.scene.pack import cache_dir, demo_scene
 from lfpipe.supervisor.process_table import SCORER
 from profiling.arguments import existing, parser_of, start
 

@@ -25,8 +25,8 @@ from lfpipe import config
 from lfpipe.capture.open_source import open_source
 from lfpipe.supervisor.stage_process import HANG_S
 from lfpipe.transport import control, ring, status
-from lfpipe.transport.clock import now_ns
-from lfpipe.transport.session import Session
+from lfpipe.transport.control import Session
+from lfpipe.transport.ring import now_ns
 from lfpipe.transport.status import State
 from tests.support.world import World, connected, private_world, write_scene
 

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from lfpipe.config import Config, SessionOptions
 from lfpipe.supervisor.process_table import ON_DEMAND, SHOWN_BY, SOURCE, STAGES, rings
+from lfpipe.transport.context import Stage
 from lfpipe.transport.ring import RingSpec
-from lfpipe.transport.ring_io import Stage
 from tools.svg import CORE, EXTRA, MEMORY, OUTSIDE, Box, figure, line, text
 
 DOCS = Path(__file__).parents[1] / "docs"

@@ -39,8 +39,7 @@ from rich.console import Console
 import lfpipe
 from lfpipe.config import LiveSource, Scene
 from lfpipe.extras.web.server import STATIC
-from lfpipe.live.estimator import Estimator
-from lfpipe.live.field import LiveViews
+from lfpipe.live.field import Estimator, LiveViews
 from lfpipe.live.records import pairs_in_need, views_of
 from lfpipe.monitor.monitor import screen_view
 from lfpipe.monitor.session_reader import Follower, Sample
@@ -51,13 +50,12 @@ from lfpipe.render.ui.look import NO_HIGHLIGHT
 from lfpipe.render.ui.overlay_view import bar_panel, menu_panel, text_panel
 from lfpipe.render.ui.pages import glasses_menu
 from lfpipe.render.ui.scenes import THUMBNAILS
-from lfpipe.scene.cache import cache_dir
-from lfpipe.scene.demo import NAMES, SIZE_PX, demo_scene
 from lfpipe.scene.demo_drawing import draw_view
 from lfpipe.scene.demo_scenes import moving_solids
+from lfpipe.scene.pack import DEMO_SIZE_PX, DEMOS, cache_dir, demo_scene
 from lfpipe.supervisor.metrics import session_metrics
 from lfpipe.supervisor.process_table import CORE, METRICS
-from lfpipe.transport.clock import MS_NS
+from lfpipe.transport.ring import MS_NS
 from lfpipe.transport.status import ROW, SESSION
 from tests.support.browser import Browser, missing
 from tests.support.world import World, private_world
@@ -193,7 +191,7 @@ def live_frames(phases: Sequence[float]) -> Iterator[Image.Image]:
     in order, because disparity starts from the frame before.
     """
     source = LiveSource(
-        source="demo", rows=1, cols=2, tiles_across=2, frame_px=(2 * SIZE_PX, SIZE_PX)
+        source="demo", rows=1, cols=2, tiles_across=2, frame_px=(2 * DEMO_SIZE_PX, DEMO_SIZE_PX)
     )
     estimator, views = Estimator(source, aligns=False), LiveViews(source, "demo")
     pair = pairs_in_need(source, [(0.0, 0.5)])
@@ -299,7 +297,7 @@ def window(out: Path) -> None:
     ):
         screen = Screen(name, Path(folder) / "Xvfb_screen0")
         trace = Path(folder) / "trace.jsonl"
-        scenes = [str(demo_scene(cache_dir(Scene()), name=scene)) for scene in NAMES]
+        scenes = [str(demo_scene(cache_dir(Scene()), name=scene)) for scene in DEMOS]
         session = started(
             world, *scenes, "--display", "window", "--trace", str(trace), DISPLAY=name
         )
@@ -349,7 +347,7 @@ def interface(out: Path) -> None:
 
 def thumbnails(_out: Path) -> None:
     """The middle views of the demo's scenes, for the window."""
-    for name in NAMES:
+    for name in DEMOS:
         field = lfpipe.open_scene(demo_scene(cache_dir(Scene()), name=name))
         view = lfpipe.render_view(field, (field.rows - 1) / 2, (field.cols - 1) / 2)
         small = cv2.resize(view, (THUMBNAIL_PX, THUMBNAIL_PX), interpolation=cv2.INTER_AREA)

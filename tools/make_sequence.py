@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import write_video
 from lfpipe.bench.simulator.scripts import OUT_RIGHT, SEAT, Move, Place, path, swayed
-from lfpipe.capture.demo import FRAME_PX, PORTRAIT
+from lfpipe.capture.recordings import FRAME_PX, PORTRAIT
 from lfpipe.errors import UserError
 from lfpipe.track.litert_engine import LitertEngine
 

@@ -23,8 +23,7 @@ from lfpipe.render.ui.keys import HELP
 from lfpipe.render.ui.overlay_view import EDGE_PX, ItemPanel, menu_panel, text_panel, top_px
 from lfpipe.render.ui.pages import Distance, calibration_page, glasses_menu, instructions
 from lfpipe.render.ui.scenes import OPEN
-from lfpipe.scene.cache import cache_dir
-from lfpipe.scene.demo import NAMES, demo_scene
+from lfpipe.scene.pack import DEMOS, cache_dir, demo_scene
 from tests.support.finger import Finger
 from tests.support.world import World, private_world, until
 from tests.support.xvfb_screen import Screen, outline, x_server
@@ -122,7 +121,7 @@ def sheet(pictures: Sequence[np.ndarray], names: Sequence[str]) -> np.ndarray:
 def pages(world: World, screen: Screen, out: Path) -> tuple[list[np.ndarray], list[str]]:
     """Runs a session, and stores the picture of each page in out."""
     cache = cache_dir(Scene())
-    scenes = [demo_scene(cache, name=name) for name in NAMES]
+    scenes = [demo_scene(cache, name=name) for name in DEMOS]
     world.env |= {"DISPLAY": screen.name, "XDG_CACHE_HOME": str(cache.parent)}
     process = world.start("up", *scenes, "--camera", "demo", "--session", world.name)
     finger = Finger(world, screen, FIRST_TITLE.format(scenes[0].name))

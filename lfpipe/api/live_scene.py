@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from lfpipe.api.arguments import ArrayLike, typed
 from lfpipe.errors import UserError
-from lfpipe.live.records import VIEWPOINTS
-from lfpipe.live.shared_scene import (
+from lfpipe.live.records import (
     MAX_SIDE_PX,
     MAX_SIDE_VIEWS,
     SLOTS,
+    VIEWPOINTS,
     VIEWPOINTS_RING,
     check_name,
     directory_of,
@@ -24,8 +24,7 @@ from lfpipe.live.shared_scene import (
 from lfpipe.scene.disparity import quantised, scale_for
 from lfpipe.supervisor import rundir
 from lfpipe.transport import ring
-from lfpipe.transport.clock import now_ns
-from lfpipe.transport.ring import RingSpec
+from lfpipe.transport.ring import RingSpec, now_ns
 
 
 class Viewpoints(NamedTuple):

@@ -20,21 +20,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.api.arguments import ArrayLike, Number, typed
-from lfpipe.api.scenes import ScenePath, scene_path
-from lfpipe.api.tracker import Eyes
+from lfpipe.api.scenes import Eyes, ScenePath, scene_path
 from lfpipe.config import Config, Snapshot, converter, updated
 from lfpipe.errors import ERROR_FILE, UserError
 from lfpipe.host import signals
-from lfpipe.host.child import NULL, Child, python
 from lfpipe.host.files import exists
+from lfpipe.host.worker import NULL, Child, python
 from lfpipe.monitor.session_reader import Watch
 from lfpipe.render.display.open_display import has_display
 from lfpipe.scene.lightfield import LightField
 from lfpipe.supervisor.rundir import find
-from lfpipe.track.head import HeadEstimator
+from lfpipe.track.eye_tracker import HeadEstimator
 from lfpipe.transport import control
-from lfpipe.transport.clock import POLL_S
-from lfpipe.transport.ring import Reader, Stamp
+from lfpipe.transport.ring import POLL_S, Reader, Stamp
 from lfpipe.transport.status import State
 
 CHECK = "check this machine with `lfpipe doctor`"
@@ -336,7 +334,7 @@ class Session(Attachment):
         self._error = UserError("the session ended at once", CHECK)  # if it leaves none
         self._closed = True  # nothing is open yet
         self._process = Child(
-            python("lfpipe.host.child", "lfpipe", *words),
+            python("lfpipe.host.worker", "lfpipe", *words),
             stdout=NULL,
             stderr=NULL,
             env={**os.environ, ERROR_FILE: str(self._error_file)},

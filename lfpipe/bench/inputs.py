@@ -16,17 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.capture.demo import FRAME_PX, DemoSource, demo_eyes_px
-from lfpipe.capture.recordings import open_recording
+from lfpipe.capture.recordings import FRAME_PX, DemoSource, demo_eyes_px, open_recording
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import replaced
 from lfpipe.host.files import exists, is_file
-from lfpipe.scene.cache import prepare_cache
-from lfpipe.scene.demo import demo_scene
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.open_scene import open_scene
-from lfpipe.sequence.eyes import COLUMNS, TRUTH, Truth, table_of
+from lfpipe.scene.pack import demo_scene, prepare_cache
 from lfpipe.sequence.folder import is_sequence
+from lfpipe.sequence.packets import COLUMNS, TRUTH, Truth, table_of
 from lfpipe.supervisor.process_table import SCORER
 
 Progress = Callable[[str, int, int], None]

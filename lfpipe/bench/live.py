@@ -17,8 +17,7 @@ from lfpipe.bench.inputs import NOISE_DN, RATE_HZ, Inputs
 from lfpipe.bench.results import Column, Row, Table, Value, mean_of, rms
 from lfpipe.bench.runner import Offer, Prepared, Variant, cpu_ms
 from lfpipe.config import LiveSource
-from lfpipe.live.estimator import Estimator
-from lfpipe.live.field import LiveViews
+from lfpipe.live.field import Estimator, LiveViews
 from lfpipe.live.records import Pair, views_of
 from lfpipe.render.synthesis.compositor import ViewRenderer
 from lfpipe.render.synthesis.scoring import psnr_db

@@ -21,8 +21,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.files.trace import TraceFile
-from lfpipe.track.face_networks import LEFT_EYE, RIGHT_EYE
+from lfpipe.files.untrusted import TraceFile
+from lfpipe.track.engine import LEFT_EYE, RIGHT_EYE
 
 WARM_UP = 10  # frames that do not count
 PRELOADED = 600  # frames in memory

@@ -28,11 +28,11 @@ from lfpipe.bench.simulator.run import viewpoints
 from lfpipe.config import Render, converter, load
 from lfpipe.config.check import flat
 from lfpipe.files.safe_files import write_file
-from lfpipe.files.trace import trace_lines
-from lfpipe.host.child import python
+from lfpipe.files.untrusted import trace_lines
+from lfpipe.host.worker import python
 from lfpipe.scene.lightfield import LightField
-from lfpipe.sequence.eyes import Truth
 from lfpipe.sequence.folder import is_sequence
+from lfpipe.sequence.packets import Truth
 from lfpipe.track.models import has_face_mesh
 
 STEADY_S = 1.0  # after the first picture every stage has started and found the face

@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lfpipe.errors import UserError
-from lfpipe.files.output import write_output
-from lfpipe.files.safe_files import read_bytes
+from lfpipe.files.safe_files import read_bytes, write_output
 from lfpipe.files.untrusted import json_fields
 
 FORMAT = "lfpipe-bench-8"

@@ -28,10 +28,9 @@ from lfpipe.bench.results import (
     write,
 )
 from lfpipe.errors import UserError
-from lfpipe.files.output import check_output
+from lfpipe.files.safe_files import check_output
 from lfpipe.host.files import exists
-from lfpipe.host.machine import versions
-from lfpipe.host.processes import usable_cores
+from lfpipe.host.machine import usable_cores, versions
 
 FILES = ("results.json", "report.html")
 Repetition = Callable[[], Metrics]  # takes one sample of each time

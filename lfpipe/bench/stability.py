@@ -22,8 +22,8 @@ from lfpipe.render.synthesis.viewpoint import ViewSolver, pair_clamped
 from lfpipe.scene.lightfield import UNKNOWN, LightField
 from lfpipe.scene.source import Geometry
 from lfpipe.track.filters.base import make_filter
-from lfpipe.transport.clock import MS_NS
-from lfpipe.transport.metrics import MAX_NS
+from lfpipe.transport.ring import MS_NS
+from lfpipe.transport.status import MAX_NS
 
 FILTERS = tuple(FILTER_MODULES)  # the default one first
 RATES_HZ = (15, 30, 60, 120, 240)  # of webcams in the dark to high-speed cameras

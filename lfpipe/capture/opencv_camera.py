@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.capture.frame_source import Frame, SourceInfo, size_notes
+from lfpipe.capture.recordings import Frame, SourceInfo, size_notes
 from lfpipe.errors import UserError
-from lfpipe.files.decoding import fitted
+from lfpipe.files.codecs import fitted
 from lfpipe.host.terminal import opencv_logging
-from lfpipe.transport.clock import now_ns
-from lfpipe.transport.ring import StampKind
+from lfpipe.transport.ring import StampKind, now_ns
 
 
 class OpenCVCamera:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.capture.v4l2_device import FrameSizes, Mode
-from lfpipe.files.decoding import fit_area, fitted, is_jpeg, picture_of
+from lfpipe.files.codecs import fit_area, fitted, is_jpeg, picture_of
 
 JPEGS = ("MJPG", "JPEG")
 INTERLEAVED = {  # channels, conversion

@@ -1,11 +1,14 @@
-"""Recordings as sources: a video, pictures in order of name, or a recorded sequence. The due times
-of their frames are absolute, in whole nanoseconds, so that errors never add up.
+"""Sources of frames: their protocol, the demo's viewer (a portrait moves on a known smooth path),
+and recordings: a video, pictures in order of name, or a recorded sequence. The due times of their
+frames are absolute, in whole nanoseconds, so that errors never add up.
 """
 
+import math
 import time
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
+from typing import Protocol
 
 import attrs
 import cv2
@@ -13,17 +16,263 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.capture.frame_source import Frame, SourceInfo, size_notes, undecodable
 from lfpipe.capture.spec import FileSpec
 from lfpipe.errors import UserError
-from lfpipe.files.decoding import BrokenFrame, fitted, is_jpeg, picture_of
+from lfpipe.files.codecs import BrokenFrame, fit_note, fitted, is_jpeg, picture_of
 from lfpipe.files.safe_files import open_regular, reason
 from lfpipe.host.files import is_dir
 from lfpipe.host.terminal import opencv_logging
-from lfpipe.scene.files import natural
+from lfpipe.scene.source import natural
 from lfpipe.scene.video import RecordedFrame, Video
 from lfpipe.sequence.folder import is_sequence, open_sequence
-from lfpipe.transport.clock import SECOND_NS
+from lfpipe.transport.ring import SECOND_NS, StampKind
+
+_TURNS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
+
+
+def undecodable(what: str, error: BrokenFrame | MemoryError | cv2.error) -> BrokenFrame:
+    """A decoder's failure or lack of memory as the user's error. what: file or device."""
+    if isinstance(error, BrokenFrame):
+        return error
+    if isinstance(error, MemoryError) or error.code == -4:  # cv::Error::StsNoMem
+        return BrokenFrame(
+            f"{what}: decoding needs more memory than allowed or available",
+            "use a smaller picture or video",
+        )
+    return BrokenFrame(f"{what}: cannot be decoded", "save or record it again")
+
+
+@attrs.frozen
+class SourceInfo:
+    """Properties of an open source."""
+
+    name: str
+    size_px: tuple[int, int]
+    """(width, height) of its own frames."""
+    rate_hz: float
+    """What it delivers."""
+    live: bool
+    """A device, not a recording."""
+    jpeg: bool = False  # its frames are JPEGs, each with its `Frame.packet`
+    eyes: str = ""  # folder of the recording, if it holds the eyes of the mouse instead of frames
+    # to show the user once: scaled frames, another rate than requested, ...
+    notes: tuple[str, ...] = ()
+
+
+@attrs.frozen
+class Frame:
+    """Stamps of a frame that `read` wrote."""
+
+    source_seq: int
+    t_sensor_ns: int
+    """Middle of the exposure, or the scheduled time of a file."""
+    t_read_ns: int
+    """When the frame left the driver or, for a recording played without a pace, the disk; 0 for any
+    other recording, whose frame is due at t_sensor_ns and not before."""
+    packet: NDArray[np.uint8] | None = attrs.field(default=None, eq=False, repr=False)
+    """The JPEG it was decoded from, uint8 (n,), if it has the source's own size."""
+    stamp: StampKind = StampKind.SCHEDULED
+    """What t_sensor_ns was derived from."""
+    offset_ns: int = 0
+    """Of cameras in a row: between their first and their last frame of this picture."""
+
+
+class FrameSource(Protocol):
+    """A series of frames. Errors of the device or the file are UserError."""
+
+    @property
+    def info(self) -> SourceInfo: ...
+
+    def read(self, out: NDArray[np.uint8]) -> Frame | None:
+        """Decodes the next frame into out, uint8 (height, width, 3) BGR, scaling if sizes differ;
+        returns None at the end.
+
+        May block for the next frame of a device, 1 s at most (then raises TimeoutError); never
+        sleeps for a recording. Raises BrokenFrame for a frame of a recording that cannot be
+        decoded; its number is then missing.
+        """
+        ...
+
+    def close(self) -> None: ...
+
+
+class OrientedSource:
+    """Another source's frames, rotated clockwise by camera.rotate degrees, then mirrored if
+    camera.mirror is set.
+
+    It passes on no JPEGs, because those are not rotated; recordings are therefore upright.
+    """
+
+    def __init__(self, source: FrameSource, camera: config.Camera) -> None:
+        self._source = source
+        self._camera = camera
+        self._taken = np.empty((camera.height_px, camera.width_px, 3), np.uint8)
+
+    @property
+    def info(self) -> SourceInfo:
+        """Info of the other source, with the rotated size."""
+        inner = attrs.evolve(self._source.info, jpeg=False)
+        if self._camera.rotate % 180 == 0:
+            return inner
+        return attrs.evolve(inner, size_px=inner.size_px[::-1])
+
+    def read(self, out: NDArray[np.uint8]) -> Frame | None:
+        """See `FrameSource.read`."""
+        frame = self._source.read(self._taken)
+        if frame is None:
+            return None
+        rotate = self._camera.rotate
+        picture = cv2.rotate(self._taken, _TURNS[rotate]) if rotate else self._taken
+        np.copyto(out, picture[:, ::-1] if self._camera.mirror else picture)
+        return attrs.evolve(frame, packet=None)
+
+    def close(self) -> None:
+        self._source.close()
+
+
+def size_notes(size_px: tuple[int, int], camera: config.Camera) -> list[str]:
+    """Describes how frames of that size become those of the configuration; empty if they
+    have its size.
+    """
+    slot_px = (camera.width_px, camera.height_px)
+    return [] if size_px == slot_px else [fit_note(size_px, slot_px)]
+
+
+def as_read(pictures: NDArray[np.uint8], camera: config.Camera) -> NDArray[np.uint8]:
+    """Upright pictures, (n, height, width), in the sensor's order of readout: row by row from the
+    first.
+    """
+    unmirrored = pictures[:, :, ::-1] if camera.mirror else pictures
+    return np.rot90(unmirrored, camera.rotate // 90, axes=(1, 2))
+
+
+def orient(source: FrameSource, camera: config.Camera) -> FrameSource:
+    """source, rotated and mirrored by the configuration; source itself if neither is configured."""
+    return OrientedSource(source, camera) if camera.rotate or camera.mirror else source
+
+
+PORTRAIT = Path(__file__).with_name("portrait.jpg")  # in the public domain: portrait.md
+# Mean of the 16 landmarks around each eye in the portrait, the left eye of the sitter first, as
+# FaceMesh finds them.
+PORTRAIT_EYES_PX = np.array([[308.0, 188.1], [220.2, 193.0]])
+EYE_DISTANCE_PX = 65.0  # in a frame of 640x480: a viewer 600 mm from a webcam
+EYE_LINE = 0.47  # share of the frame's height, at the middle of the path
+FRAME_PX = (640, 480)  # lengths in px refer to this size; other sizes scale
+
+
+def _scale(width_px: int, height_px: int) -> float:
+    """The scale of lengths in a frame of that size."""
+    return min(width_px / FRAME_PX[0], height_px / FRAME_PX[1])
+
+
+def _portrait_scale(width_px: int, height_px: int) -> float:
+    return (
+        EYE_DISTANCE_PX
+        * _scale(width_px, height_px)
+        / float(np.linalg.norm(PORTRAIT_EYES_PX[0] - PORTRAIT_EYES_PX[1]))
+    )
+
+
+def _head_matrix(t_s: float, width_px: int, height_px: int) -> NDArray[np.float64]:
+    """(2, 3): from px about the point between the eyes, in a head of mean size, to px of the frame
+    at time t_s.
+
+    Sums of sines: smooth, endless, and slow enough for a head (at most 90 px/s in a frame of
+    640x480).
+    """
+    turn = 2 * math.pi * t_s
+    scale = _scale(width_px, height_px)
+    right_px = 62 * math.sin(turn / 7.3) + 14 * math.sin(turn / 3.1)
+    down_px = 16 * math.sin(turn / 5.9 + 1.0)
+    roll_rad = 0.05 * math.sin(turn / 6.7 + 0.4)
+    size = 1 + 0.04 * math.sin(turn / 9.1)
+    cos, sin = size * math.cos(roll_rad), size * math.sin(roll_rad)
+    x, y = width_px / 2 + scale * right_px, EYE_LINE * height_px + scale * down_px
+    return np.array([[cos, -sin, x], [sin, cos, y]])
+
+
+def demo_eyes_px(
+    t_s: float, width_px: int = FRAME_PX[0], height_px: int = FRAME_PX[1]
+) -> NDArray[np.float64]:
+    """Eyes in the frame of time t_s: (2, 2) px, [[left x, left y], [right x, right y]], the
+    sitter's own left and right.
+    """
+    about_px = (PORTRAIT_EYES_PX - PORTRAIT_EYES_PX.mean(axis=0)) * _portrait_scale(
+        width_px, height_px
+    )
+    matrix = _head_matrix(t_s, width_px, height_px)
+    return np.asarray(about_px @ matrix[:, :2].T + matrix[:, 2], np.float64)
+
+
+def backdrop(width_px: int, height_px: int) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+    """The scaled portrait with blurred surroundings: (BGR picture, point between the eyes).
+
+    Larger than a frame by the margin that the path needs on each side.
+    """
+    portrait = cv2.imread(str(PORTRAIT), cv2.IMREAD_COLOR)
+    if portrait is None:
+        raise UserError(f"demo: {PORTRAIT} cannot be read", "install lfpipe again")
+    scale = _portrait_scale(width_px, height_px)
+    small = cv2.resize(portrait, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    rows, cols = small.shape[:2]
+    middle = PORTRAIT_EYES_PX.mean(axis=0) * scale
+    reach = np.array([width_px, height_px]) * 0.72
+    left, top = (math.ceil(v) for v in np.maximum(reach - middle, 0))
+    right, bottom = (math.ceil(v) for v in np.maximum(reach - (np.array([cols, rows]) - middle), 0))
+    wide = cv2.copyMakeBorder(small, top, bottom, left, right, cv2.BORDER_REPLICATE)
+    soft = cv2.GaussianBlur(wide, (0, 0), 0.05 * height_px)
+    mask = np.zeros((rows, cols), np.float32)
+    edge = max(2, round(0.06 * rows))
+    mask[edge:, edge:-edge] = 1.0
+    mask = cv2.GaussianBlur(mask, (0, 0), edge / 2.5, borderType=cv2.BORDER_REPLICATE)
+    mask = cv2.copyMakeBorder(mask, top, bottom, left, right, cv2.BORDER_REPLICATE)[..., None]
+    mixed = wide * mask + soft * (1 - mask)
+    return np.asarray(mixed + 0.5, np.uint8), middle + np.array([left, top])
+
+
+class DemoSource:
+    """Frames of camera.width_px x camera.height_px at camera.rate_hz, endlessly; frame k shows the
+    head at k / rate_hz.
+    """
+
+    def __init__(self, camera: config.Camera) -> None:
+        """Raises UserError if the portrait is missing."""
+        self._size = camera.width_px, camera.height_px
+        picture, self._middle = backdrop(*self._size)
+        # Warping four channels takes 0.65 ms, three 1.65 (640x480, OpenCV 5); the values are equal.
+        self._picture = cv2.cvtColor(picture, cv2.COLOR_BGR2BGRA)
+        self._warped: NDArray[np.uint8] = np.empty((0, 0, 4), np.uint8)
+        self._schedule = Schedule(camera.nominal_hz)
+        self._seq = self._start_ns = 0
+        self.info = SourceInfo("demo", self._size, camera.nominal_hz, live=False)
+
+    def read(self, out: NDArray[np.uint8]) -> Frame | None:
+        """See `FrameSource.read`; out may have another size than the camera's.
+
+        Never returns None.
+        """
+        height_px, width_px = out.shape[:2]
+        after_ns = self._schedule.due_ns(self._seq)
+        matrix = _head_matrix(after_ns / 1e9, *self._size)
+        matrix[:, 2] -= matrix[:, :2] @ self._middle
+        fit = np.diag([width_px / self._size[0], height_px / self._size[1]])
+        if self._warped.shape[:2] != out.shape[:2]:
+            self._warped = np.empty((height_px, width_px, 4), np.uint8)
+        cv2.warpAffine(
+            self._picture,
+            fit @ matrix,
+            (width_px, height_px),
+            dst=self._warped,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+        cv2.cvtColor(self._warped, cv2.COLOR_BGRA2BGR, dst=out)
+        self._start_ns = self._start_ns or time.monotonic_ns()
+        self._seq += 1
+        return Frame(self._seq - 1, self._start_ns + after_ns, 0)
+
+    def close(self) -> None:
+        pass
+
 
 # A container that counts milliseconds rounds each stamp by up to 0.5 ms, the encoder by as much
 # again. Within that, the even grid of the frame rate is more accurate than the stamps.

@@ -21,10 +21,20 @@ from lfpipe.errors import UserError, redacted
 from lfpipe.files.untrusted import finite
 from lfpipe.host import PORTABLE
 from lfpipe.plugins import IN_USE, SOURCES, blaming, load, plugins
+from lfpipe.sequence.metrics import RECORDING
+from lfpipe.transport.status import Kind, Metric, MetricSet
+
+METRICS = MetricSet(
+    *RECORDING,
+    Metric("nominal_mhz", Kind.GAUGE, "frames per 1000 s that the camera agreed to deliver"),
+    Metric("covered", Kind.FLAG, "its frames show nothing: a shutter, a cover, or no light at all"),
+    Metric("offset_us", Kind.GAUGE, "between the frames of cameras in a row that are shown as one"),
+)
+
 
 if TYPE_CHECKING:
     from lfpipe.capture.camera_list import CameraFinder
-    from lfpipe.capture.frame_source import FrameSource, SourceInfo
+    from lfpipe.capture.recordings import FrameSource, SourceInfo
 
 LIVE = "live:"  # begins the name of a scene that is captured now, see `live_source`
 # below, it looks like a still picture; above, no camera or disk delivers it
@@ -188,7 +198,7 @@ class DemoSpec(SourceKind):
         return None if rest else cls()
 
     def open(self, camera: config.Camera) -> "FrameSource":
-        from lfpipe.capture.demo import DemoSource
+        from lfpipe.capture.recordings import DemoSource
 
         return DemoSource(camera)
 
@@ -208,7 +218,7 @@ class RingKind(SourceKind):
         return cls(rest) if rest else None
 
     def open(self, camera: config.Camera) -> "FrameSource":
-        from lfpipe.capture.live_source import RingSource
+        from lfpipe.capture.open_source import RingSource
 
         return RingSource(self.name)
 
@@ -258,7 +268,7 @@ class RowKind(SourceKind):
         return ",".join(kind.name_in_measurements(name) for kind, name in cameras)
 
     def open(self, camera: config.Camera) -> "FrameSource":
-        from lfpipe.capture.live_source import RowSource
+        from lfpipe.capture.open_source import RowSource
 
         one = attrs.evolve(camera, width_px=camera.width_px // len(self.cameras))
         opened: list[FrameSource] = []

@@ -19,17 +19,21 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.capture.frame_source import Frame
-from lfpipe.capture.open_source import camera_settings, check_source, live_camera, open_source
-from lfpipe.capture.reconnecting_camera import CameraLost
-from lfpipe.capture.recordings import Lateness
+from lfpipe.capture.open_source import (
+    CameraLost,
+    camera_settings,
+    check_source,
+    live_camera,
+    open_source,
+)
+from lfpipe.capture.recordings import Frame, Lateness
 from lfpipe.config import Camera
-from lfpipe.config.modes import Lossless, RecordedEyes
+from lfpipe.config.session_options import Lossless, RecordedEyes
 from lfpipe.errors import UserError
-from lfpipe.files.decoding import BrokenFrame
+from lfpipe.files.codecs import BrokenFrame
 from lfpipe.sequence.recorder import Recordable, Recorder
-from lfpipe.transport.clock import SECOND_NS, SleepWatch, now_ns
 from lfpipe.transport.context import Context
+from lfpipe.transport.ring import SECOND_NS, SleepWatch, now_ns
 from lfpipe.transport.status import State
 
 log = logging.getLogger(__name__)

@@ -17,8 +17,7 @@ from typing import NoReturn
 import click
 
 from lfpipe._version import __version__
-from lfpipe.cli.plugged import AddedCommand, ExtensibleGroup, added
-from lfpipe.cli.terminal import print_error, say
+from lfpipe.cli.terminal import AddedCommand, ExtensibleGroup, added, print_error, say
 from lfpipe.errors import UserError
 from lfpipe.host import signals
 from lfpipe.host.terminal import drop_output, open_standard_files
@@ -34,13 +33,13 @@ COMMANDS = {
     "ctl": ("lfpipe.cli.sessions", "Query and control a running session."),
     "scene": ("lfpipe.cli.scene", "Pack, list and inspect light fields."),
     "cameras": ("lfpipe.cli.machine", "List cameras with formats, sizes and rates."),
-    "calibrate": ("lfpipe.cli.calibrate", "Measure and store the focal length of the camera."),
+    "calibrate": ("lfpipe.cli.machine", "Measure and store the focal length of the camera."),
     "doctor": ("lfpipe.cli.machine", "Check this machine."),
     "models": ("lfpipe.cli.machine", "Download the face networks if mediapipe has no wheel."),
     "config": ("lfpipe.cli.machine", "Write, show and check the configuration."),
     "trace": ("lfpipe.cli.sessions", "Record timelines of a running session for Perfetto."),
     "record": ("lfpipe.cli.sequence", "Record a camera to a new folder."),
-    "replay": ("lfpipe.cli.replay", "Run a recorded sequence; compare with a reference."),
+    "replay": ("lfpipe.cli.sequence", "Run a recorded sequence; compare with a reference."),
     "sequence": ("lfpipe.cli.sequence", "Inspect, cut, import and export recordings."),
     "bench": ("lfpipe.cli.bench", "Measure error against run time."),
     "completion": ("lfpipe.cli.options", "Print the completion script of a shell."),
@@ -138,7 +137,7 @@ def cli(context: click.Context, verbose: int) -> int | None:
 
     if not has_display():
         raise click.exceptions.NoArgsIsHelpError(context)
-    from lfpipe.cli.launch import UpArguments, launch
+    from lfpipe.cli.up import UpArguments, launch
 
     return launch(UpArguments(start=True))
 

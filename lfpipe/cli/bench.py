@@ -9,8 +9,7 @@ import click
 from lfpipe.bench.benchmarks import BENCHMARKS, TABLE
 from lfpipe.bench.results import Results
 from lfpipe.cli.options import PATH, with_config
-from lfpipe.cli.plugged import Group
-from lfpipe.cli.terminal import print_result, say
+from lfpipe.cli.terminal import Group, print_result, say
 from lfpipe.config import Config
 
 OUT = click.option(

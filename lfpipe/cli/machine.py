@@ -1,26 +1,46 @@
-"""Commands about this machine: `lfpipe cameras`, `doctor`, `models` and `config`."""
+"""Commands about this machine: `lfpipe cameras`, `calibrate`, `doctor`, `models` and `config`."""
 
 import json
 import os
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+import attrs
 import click
+import numpy as np
+from numpy.typing import NDArray
 
 from lfpipe.capture import camera_list
-from lfpipe.capture.camera_controls import control_texts
-from lfpipe.capture.live_source import WIDE
+from lfpipe.capture.camera_list import control_texts
+from lfpipe.capture.open_source import WIDE, camera_name, check_live, live_camera, open_source
 from lfpipe.capture.pixel_formats import DECODED
+from lfpipe.capture.spec import LIVE, is_live
 from lfpipe.capture.v4l2_device import V4L2Device
-from lfpipe.cli.options import JSON, OVERWRITE, PATH, with_config
-from lfpipe.cli.plugged import Group
-from lfpipe.cli.terminal import filled, print_result, say
-from lfpipe.config import Config, load, user_file
-from lfpipe.config.user_files import commented
+from lfpipe.cli.options import (
+    CAMERA,
+    JSON,
+    OVERWRITE,
+    PATH,
+    SESSION,
+    Number,
+    with_config,
+    with_settings,
+)
+from lfpipe.cli.terminal import Group, filled, print_result, say
+from lfpipe.config import Config, LiveSource, Placement, load, user_file
+from lfpipe.config.check import PLACED, camera_file, commented, write_keys
+from lfpipe.config.session_options import Window
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import write_file
+from lfpipe.live.field import FAST_FRAMES, Estimator
+from lfpipe.live.records import pairs_in_need, two_cameras
 from lfpipe.monitor.doctor import checks, write_report
-from lfpipe.scene.cache import cache_dir
+from lfpipe.monitor.session_reader import snapshot
+from lfpipe.render.display.open_display import has_display
+from lfpipe.render.ui.pages import FARTHEST_CM, NEAREST_CM, USUAL_MM
+from lfpipe.scene.pack import cache_dir, demo_scene
+from lfpipe.supervisor import rundir
 from lfpipe.track.models import SHA256, fetch_models, find_model, install_models, missing_models
 
 
@@ -182,3 +202,121 @@ def check(path: str | None) -> None:
     """Check PATH, or your settings, and report every wrong key."""
     cache_dir(load(path).scene)
     print_result(f"{path or user_file()}: ok")
+
+
+@click.command()
+@click.argument("scene", required=False, metavar="[live:SRC]")
+@CAMERA
+@click.option(
+    "--distance",
+    "distance_mm",
+    type=Number(10 * NEAREST_CM, 10 * FARTHEST_CM),
+    default=USUAL_MM,
+    show_default=True,
+    metavar="MM",
+    help="Distance from the camera to your eyes; the page can change it.",
+)
+@SESSION
+@with_settings
+def calibrate(
+    *,
+    scene: str | None,
+    camera: str | None,
+    distance_mm: float,
+    session_name: str,
+    config_file: str | None,
+    sets: tuple[str, ...],
+) -> int:
+    """Measure the focal length of the camera and store it under the camera's name.
+
+    Opens the page Calibrate in the window of the running session, or in a new one: sit with your
+    eyes MM from the camera.
+
+    With live:SRC, measure and store instead how the second of two cameras stands against the first.
+    """
+    config = load(config_file, sets)
+    if scene is not None:
+        _calibrate_pair(scene, config)
+        return 0
+    if not has_display():
+        raise UserError(
+            "calibrate needs a screen: the page shows the camera's picture",
+            "run it on a desktop, or set camera.focal_px if you know it",
+        )
+    return _open_page(session_name, camera, distance_mm, config_file, sets)
+
+
+def _open_page(
+    session_name: str,
+    camera: str | None,
+    distance_mm: float,
+    config_file: str | None,
+    sets: tuple[str, ...],
+) -> int:
+    """Opens the page in the window of the session, or starts one with it; returns the exit code."""
+    options = snapshot(session_name).options if session_name in rundir.running() else None
+    if options is not None and isinstance(options.display, Window):
+        if camera not in (None, options.viewer.source):
+            raise UserError(
+                f"--camera {camera}: the open window uses {options.viewer.source or 'another'}",
+                f"exchange it first: `lfpipe ctl --session {session_name} viewer {camera}`",
+            )
+        rundir.ask(session_name, {"cmd": "action", "name": "calibrate", "value": distance_mm}, 3.0)
+        print_result("calibrate in the open window")
+        return 0
+    from lfpipe.cli.up import UpArguments, launch
+
+    return launch(
+        UpArguments(
+            scenes=(demo_scene(cache_dir(load(config_file, sets).scene)),),
+            camera=camera,
+            session_name=session_name,
+            config_file=config_file,
+            sets=sets,
+            calibrate_mm=distance_mm,
+        )
+    )
+
+
+def _calibrate_pair(text: str, config: Config) -> None:
+    live = check_live(text if is_live(text) else LIVE + text, config)
+    if not two_cameras(live):
+        raise UserError(f"{text}: not two cameras", "name a camera with two views, or two cameras")
+    name = camera_name(live.source)
+    placed = placement_of(live, config)
+    if placed.swapped:
+        print_result("the first camera delivers the right view: views swapped")
+    sense = "clockwise" if placed.rotation_deg >= 0 else "anticlockwise"
+    print_result(f"right camera is rotated by {abs(placed.rotation_deg):.1f} degrees {sense}")
+    lies = f"{abs(placed.height_px):.1f} px {'lower' if placed.height_px >= 0 else 'higher'}"
+    print_result(f"its picture lies {lies}, and is {placed.scale:.3f} times as large")
+    values = {key: round(value, 4) for key, value in attrs.asdict(placed).items()}
+    values |= {"swapped": placed.swapped, "width_px": live.width_px}
+    write_keys(camera_file(), PLACED + name, values)
+    print_result(f"stored for {name} in {camera_file()}")
+
+
+PATIENCE_FRAMES = 600  # before giving up: 20 s at 30 Hz
+
+
+def placement_of(live: LiveSource, config: Config) -> Placement:
+    """How the second one of two cameras stands against the first, by what both see.
+
+    Raises UserError if they see too little.
+    """
+    estimator = Estimator(attrs.evolve(live, placement=None), aligns=True)
+    assert estimator.alignment is not None
+    width_px, height_px = live.frame_px
+    frame: NDArray[np.uint8] = np.empty((height_px, width_px, 3), np.uint8)
+    pair = pairs_in_need(live, [(0.0, 0.5)])
+    with closing(open_source(live.source, live_camera(config, live.frame_px))) as source:
+        for _ in range(PATIENCE_FRAMES):
+            if source.read(frame) is None:
+                break
+            estimator.estimate(frame, pair)
+            if estimator.alignment.frames >= 2 * FAST_FRAMES:
+                return estimator.alignment.placement(estimator.swapped)
+    raise UserError(
+        f"{live.source}: too little is seen in both views",
+        "point the cameras at something with texture, in good light",
+    )

@@ -11,7 +11,7 @@ from click.shell_completion import get_completion_class
 
 from lfpipe.cli.terminal import print_result
 from lfpipe.config import load, updated
-from lfpipe.transport.session import default_name
+from lfpipe.transport.control import default_name
 
 F = TypeVar("F", bound=Callable[..., Any])
 

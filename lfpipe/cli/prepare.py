@@ -14,14 +14,21 @@ import attrs
 
 from lfpipe import log
 from lfpipe.capture.camera_list import NoCamera
-from lfpipe.capture.live_source import check_devices, check_live
-from lfpipe.capture.open_source import camera_name, camera_settings, check_source, clock_of
+from lfpipe.capture.open_source import (
+    camera_name,
+    camera_settings,
+    check_devices,
+    check_live,
+    check_source,
+    clock_of,
+)
 from lfpipe.capture.spec import is_live, parse_source, playing_once, source_file
 from lfpipe.cli import machine_errors
-from lfpipe.cli.launch import Packed, SessionPlan, UpArguments
 from lfpipe.cli.terminal import say
+from lfpipe.cli.up import Packed, SessionPlan, UpArguments
 from lfpipe.config import Config, SessionOptions, converter, load
-from lfpipe.config.modes import (
+from lfpipe.config.check import has_key, with_measured_focal
+from lfpipe.config.session_options import (
     CameraViewer,
     Clock,
     Live,
@@ -35,10 +42,9 @@ from lfpipe.config.modes import (
     Window,
     watching,
 )
-from lfpipe.config.user_files import has_key, with_measured_focal
 from lfpipe.errors import UserError, redacted
-from lfpipe.files.output import check_output
-from lfpipe.files.video_writer import require_encoder
+from lfpipe.files.codecs import require_encoder
+from lfpipe.files.safe_files import check_output
 from lfpipe.host.files import exists
 from lfpipe.host.machine import has_gpu
 from lfpipe.host.worker import Report, serve
@@ -48,12 +54,17 @@ from lfpipe.render.display.open_display import check_display, has_display, parse
 from lfpipe.render.plan import Plan, make_plan
 from lfpipe.render.synthesis.compositor import settings_for_scene
 from lfpipe.render.ui.notices import GLASSES
-from lfpipe.scene.cache import cache_dir
-from lfpipe.scene.demo import NAMES, demo_scene
 from lfpipe.scene.lightfield import HARDLY_FIT, LightField
 from lfpipe.scene.open_scene import Opened, PackerRequest, find_packed
-from lfpipe.scene.pack import open_pack, summarize
-from lfpipe.scene.recent_scenes import recent_scenes, remember_scene
+from lfpipe.scene.pack import (
+    DEMOS,
+    cache_dir,
+    demo_scene,
+    open_pack,
+    recent_scenes,
+    remember_scene,
+    summarize,
+)
 from lfpipe.supervisor.process_table import SCORER
 from lfpipe.track import models
 
@@ -105,7 +116,7 @@ def _with_recent_scenes(arguments: UpArguments) -> UpArguments:
     except UserError as error:
         say(f"the mouse looks instead of a camera: {error.message}")
         camera = MouseViewer.source
-    demos = [demo_scene(cache_dir(config.scene), name=name) for name in NAMES]
+    demos = [demo_scene(cache_dir(config.scene), name=name) for name in DEMOS]
     own = {demo.resolve() for demo in demos}
     scenes = (*demos, *(scene for scene in recent_scenes() if scene not in own))
     return attrs.evolve(arguments, camera=camera, scenes=scenes)

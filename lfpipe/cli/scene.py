@@ -11,20 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.cli.options import JSON, OVERWRITE, PATH, SCENE, with_config, with_scene
-from lfpipe.cli.plugged import ExtensibleGroup
-from lfpipe.cli.terminal import filled, print_result, progress
+from lfpipe.cli.terminal import ExtensibleGroup, filled, print_result, progress
 from lfpipe.config import Config
 from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.errors import UserError
-from lfpipe.files.output import check_output, write_output
+from lfpipe.files.safe_files import check_output, write_output
 from lfpipe.host.files import is_dir
 from lfpipe.render.plan import make_plan, planned_levels
 from lfpipe.render.synthesis.compositor import ViewRenderer
-from lfpipe.scene.cache import cache_dir, packed, packs, remove, sweep
-from lfpipe.scene.description import describe_folder
-from lfpipe.scene.info import expected_field, facts, lines
+from lfpipe.scene.analysis import describe_folder
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.open_scene import ask_manifest, open_scene
+from lfpipe.scene.pack import cache_dir, packed, packs, remove, sweep
+from lfpipe.scene.packer import expected_field, facts, lines
 from lfpipe.supervisor.process_table import SCORER
 
 PICTURES = (".png", ".jpg", ".jpeg")

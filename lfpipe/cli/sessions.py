@@ -13,8 +13,7 @@ import click
 
 from lfpipe import config as configuration
 from lfpipe.cli.options import OVERWRITE, PATH, SESSION
-from lfpipe.cli.plugged import ExtensibleGroup, Group
-from lfpipe.cli.terminal import print_result
+from lfpipe.cli.terminal import ExtensibleGroup, Group, print_result
 from lfpipe.config import converter, parse_set
 from lfpipe.supervisor.rundir import ask
 from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S, LOAD_TIMEOUT_S, Message
@@ -189,7 +188,7 @@ def start_trace(out: Path | None, session_name: str) -> None:
 
     OUT.jsonl defaults to a name with the current time, in this folder.
     """
-    from lfpipe.monitor.timeline import begin_trace
+    from lfpipe.monitor.monitor import begin_trace
 
     path = begin_trace(partial(ask, session_name), out)
     print_result(f"tracing to {path}; end it with `lfpipe trace stop`")
@@ -199,7 +198,7 @@ def start_trace(out: Path | None, session_name: str) -> None:
 @SESSION
 def stop_trace(session_name: str) -> None:
     """End the trace."""
-    from lfpipe.monitor.timeline import finish_trace
+    from lfpipe.monitor.monitor import finish_trace
 
     path = finish_trace(partial(ask, session_name))
     print_result(f"{path}: convert it to a timeline with `lfpipe trace timeline {path}`")
@@ -214,7 +213,7 @@ def write_timeline(source: Path, out: Path | None, overwrite: bool) -> None:
 
     OUT.json defaults to the name of the trace.
     """
-    from lfpipe.monitor.timeline import convert
+    from lfpipe.monitor.monitor import convert
 
     out = out or source.with_suffix(".json")
     convert(source, out, overwrite)

@@ -1,7 +1,14 @@
 """Output of commands: results on stdout, messages on stderr, neither with control characters;
-progress as a bar, or in a log as one line per slow task.
+progress as a bar, or in a log as one line per slow task. And commands and options that other
+packages add, by entry points of the group `lfpipe.commands`.
+
+The name of an entry point is its place: `sweep` is a command, `scene.export` a command of the group
+`scene`, `up.--share` an option of the command `up`. Its object is imported to list commands, so its
+module must be light; what it names is imported when it is used.
 """
 
+import copy
+import functools
 import math
 import os
 import shutil
@@ -10,13 +17,16 @@ import textwrap
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass  # `import attrs` would take as long as the rest of --help
 from pathlib import Path
+from typing import Any, TypeVar
 
 import click
 
 from lfpipe.errors import ERROR_FILE, UserError, escaped, plain
 from lfpipe.files.safe_files import write_file
 from lfpipe.host.terminal import drop_output
+from lfpipe.plugins import COMMANDS, load, load_target, plugins
 
 QUIET_S = 5.0  # a shorter wait needs no line
 Progress = Callable[[str, int, int], None]  # (task, steps done, steps in total)
@@ -96,3 +106,103 @@ def progress() -> Iterator[Progress]:
             bars.update(tasks[what], completed=done, total=total)
 
         yield report
+
+
+class Added:
+    """What another package adds."""
+
+
+@dataclass(frozen=True)
+class AddedCommand(Added):
+    """A command."""
+
+    summary: str
+    """Its line in the list of commands."""
+    target: str
+    """The click command, as MODULE:NAME."""
+
+
+@dataclass(frozen=True)
+class AddedOption(Added):
+    """One or more options of a command."""
+
+    options: tuple[click.Option, ...]
+    """Their values are passed to the wrapper."""
+    wrapper: str
+    """MODULE:NAME of `wrapper(proceed, **values)`, which runs in place of the command; values: of
+    all options and arguments. proceed(**values) runs the command without the added options."""
+
+
+A = TypeVar("A", bound=Added)
+
+
+def added(place: str, kind: type[A]) -> dict[str, A]:
+    """What other packages add to a command or group, by name. place: "" for `lfpipe` itself.
+
+    Raises UserError if one is broken.
+    """
+    found: dict[str, A] = {}
+    for entry in plugins(COMMANDS):
+        where, _, name = entry.rpartition(".")
+        if where == place and isinstance(part := load(COMMANDS, entry), kind):
+            found[name] = part
+    return found
+
+
+def with_added_options(command: click.Command, path: str) -> click.Command:
+    """The command with the options that other packages add. path: its words, joined by dots."""
+    for name, more in added(path, AddedOption).items():
+        command = copy.copy(command)
+        command.params = [*command.params, *more.options]
+        command.callback = functools.partial(
+            _wrapped, f"{path}.{name}", more.wrapper, command.callback
+        )
+    return command
+
+
+def _wrapped(
+    entry: str, wrapper: str, proceed: Callable[..., Any] | None, *given: Any, **values: Any
+) -> Any:
+    assert proceed is not None, "a command, not a group"
+    return load_target(COMMANDS, entry, wrapper)(functools.partial(proceed, *given), **values)
+
+
+class Group(click.Group):
+    """A group whose help has whole summaries."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Whole summaries, on as many lines as they take; click cuts them."""
+        commands = ((name, self.get_command(ctx, name)) for name in self.list_commands(ctx))
+        with formatter.section("Commands"):
+            formatter.write_dl(
+                [
+                    (name, command.get_short_help_str(sys.maxsize))
+                    for name, command in commands
+                    if command is not None and not command.hidden
+                ]
+            )
+
+
+class ExtensibleGroup(Group):
+    """A group to which other packages add commands, and options to its commands."""
+
+    @property
+    def place(self) -> str:
+        """Where entry points add to it; "" for `lfpipe` itself."""
+        return self.name or ""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """All names, also the added ones."""
+        return sorted({*super().list_commands(ctx), *added(self.place, AddedCommand)})
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        """The command of that name, with the options that other packages add."""
+        path = f"{self.place}.{name}".lstrip(".")
+        command = self.own_command(ctx, name)
+        if command is None and name in (more := added(self.place, AddedCommand)):
+            command = load_target(COMMANDS, path, more[name].target)
+        return command and with_added_options(command, path)
+
+    def own_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        """The built-in command of that name."""
+        return super().get_command(ctx, name)

@@ -1,10 +1,9 @@
 """One frozen tree of typed values from TOML; every error names the key, the value and the remedy.
 
-`tree` defines the keys, `check` validates values and merges their sources, `user_files` reads and
-writes the user's own.
+`tree` defines the keys; `check` validates values, merges their sources, and writes the user's own.
 """
 
-from lfpipe.config.check import load, parse_set, updated
+from lfpipe.config.check import load, parse_set, updated, user_file
 from lfpipe.config.session_options import (
     DrawingCosts,
     LiveSource,
@@ -28,7 +27,6 @@ from lfpipe.config.tree import (
     choices,
     options,
 )
-from lfpipe.config.user_files import user_file
 
 __all__ = [
     "FILTER_MODULES",

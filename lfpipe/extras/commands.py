@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from lfpipe.cli.plugged import AddedCommand, AddedOption
+from lfpipe.cli.terminal import AddedCommand, AddedOption
 
 KIOSK = AddedCommand(
     "Run an exhibition that starts with the desktop.", "lfpipe.extras.exhibition.kiosk:kiosk"

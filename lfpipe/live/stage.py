@@ -13,13 +13,11 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.live.estimator import Estimator
-from lfpipe.live.records import VIEWPOINTS, pairs_in_need, views_of
-from lfpipe.live.shared_scene import Program, two_cameras
+from lfpipe.live.field import Estimator
+from lfpipe.live.records import VIEWPOINTS, Program, pairs_in_need, two_cameras, views_of
 from lfpipe.transport import ring
-from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
-from lfpipe.transport.ring import Stamp
+from lfpipe.transport.ring import SECOND_NS, Stamp, now_ns
 
 UNCLEAR_FRAMES = 30  # of no use, before a notice: a camera may begin in black
 REPORT_NS = 5 * SECOND_NS  # between two reports of the alignment

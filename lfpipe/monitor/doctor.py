@@ -19,20 +19,18 @@ from lfpipe import config, log
 from lfpipe.capture.camera_list import CameraDevice, asking, cameras, ranked
 from lfpipe.capture.open_source import check_source
 from lfpipe.config import SessionOptions
-from lfpipe.config.modes import NoViewer
-from lfpipe.config.user_files import commented
+from lfpipe.config.check import commented
+from lfpipe.config.session_options import NoViewer
 from lfpipe.errors import UserError, redacted
-from lfpipe.files.output import check_output, write_output
-from lfpipe.files.safe_files import PRIVATE
+from lfpipe.files.safe_files import PRIVATE, check_output, write_output
 from lfpipe.host.files import is_missing
-from lfpipe.host.machine import install_command, versions
-from lfpipe.host.processes import usable_cores
+from lfpipe.host.machine import install_command, usable_cores, versions
 from lfpipe.render.display.open_display import has_display
-from lfpipe.scene.cache import prepare_cache
+from lfpipe.scene.pack import prepare_cache
 from lfpipe.supervisor import rundir
 from lfpipe.supervisor.session import try_session
 from lfpipe.track import models
-from lfpipe.transport.session import Session, base_dir
+from lfpipe.transport.control import Session, base_dir
 
 NO_CAMERA = (
     "plug it in, or use --camera mouse, --camera demo, or a recording with --camera file:PATH"

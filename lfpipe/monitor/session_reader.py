@@ -10,15 +10,14 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Snapshot, converter
 from lfpipe.errors import UserError
-from lfpipe.host.processes import rss_bytes
-from lfpipe.host.segment import WrongSegment
+from lfpipe.host.files import WrongSegment
+from lfpipe.host.machine import rss_bytes
 from lfpipe.supervisor.metrics import SessionMetrics, session_metrics
 from lfpipe.supervisor.process_table import SHOWN_BY
 from lfpipe.supervisor.rundir import ask, find
-from lfpipe.transport.clock import SECOND_NS, now_ns
-from lfpipe.transport.metrics import MIDDLES_US
-from lfpipe.transport.session import MANIFEST, Session, SessionManifest
-from lfpipe.transport.status import Table
+from lfpipe.transport.control import MANIFEST, Session, SessionManifest
+from lfpipe.transport.ring import SECOND_NS, now_ns
+from lfpipe.transport.status import MIDDLES_US, Table
 
 # of the metrics in monitors: long enough for a p99 at 30 Hz, short enough to show changes
 WINDOW_S = 10.0

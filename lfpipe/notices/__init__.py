@@ -7,9 +7,8 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.transport.clock import SECOND_NS, now_ns
-from lfpipe.transport.metrics import Times, quantiles
-from lfpipe.transport.status import State
+from lfpipe.transport.ring import SECOND_NS, now_ns
+from lfpipe.transport.status import State, Times, quantiles
 
 FACELESS_NS = 4 * SECOND_NS  # a head may be turned away briefly
 FAULT_NS = 2 * SECOND_NS  # a part that fails for a few frames works again

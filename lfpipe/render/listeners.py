@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import SessionOptions
-from lfpipe.config.modes import Lossless, MouseViewer
 from lfpipe.config.quality import level_number
+from lfpipe.config.session_options import Lossless, MouseViewer
 from lfpipe.eyes import MAX_PREDICTION_S
-from lfpipe.files.decoding import fit_area
+from lfpipe.files.codecs import fit_area
 from lfpipe.files.safe_files import write_file
-from lfpipe.files.trace import TraceFile
+from lfpipe.files.untrusted import TraceFile
 from lfpipe.render.display.display import Display
 from lfpipe.render.live_input import LiveInput
 from lfpipe.render.presenter import REPLACED, Listener, Presentation
@@ -29,12 +29,10 @@ from lfpipe.render.synthesis.anaglyph import scale_into
 from lfpipe.render.viewer.geometry import Parallax
 from lfpipe.render.viewer.presence import ViewerState
 from lfpipe.render.viewer.viewer import Viewer
-from lfpipe.sequence.eyes import read_truth
-from lfpipe.sequence.packets import PacketWriter, encoded
+from lfpipe.sequence.packets import PacketWriter, encoded, read_truth
 from lfpipe.transport import ring
-from lfpipe.transport.clock import MS_NS, SECOND_NS
-from lfpipe.transport.ring import Stamp, StampKind
-from lfpipe.transport.ring_io import RingOutput
+from lfpipe.transport.context import RingOutput
+from lfpipe.transport.ring import MS_NS, SECOND_NS, Stamp, StampKind
 from lfpipe.transport.status import Row
 
 MAX_PREDICTION_NS = int(MAX_PREDICTION_S * SECOND_NS)

@@ -15,9 +15,8 @@ from lfpipe.live.field import LiveViews
 from lfpipe.live.records import View, disparity_dtype, pairs_in_need, views_of
 from lfpipe.render.synthesis.viewpoint import Position
 from lfpipe.scene.lightfield import LightField
-from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.context import Context
-from lfpipe.transport.ring import Stamp
+from lfpipe.transport.ring import SECOND_NS, Stamp
 
 LATE_FRAMES = 2.5  # frame intervals
 KEPT_FRAMES = 5  # the newest: disparity may be as late

@@ -2,7 +2,7 @@
 
 from lfpipe.render.viewer.presence import ViewerState
 from lfpipe.sequence.metrics import RECORDING
-from lfpipe.transport.metrics import Kind, Metric, MetricSet
+from lfpipe.transport.status import Kind, Metric, MetricSet
 
 VIEWER_STATES = tuple(state.word for state in ViewerState)
 METRICS = MetricSet(

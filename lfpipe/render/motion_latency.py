@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from lfpipe.eyes import MAX_STEP_NS, Eyes, middle_of
 from lfpipe.render.presenter import REPLACED, Listener, Presentation
-from lfpipe.transport.clock import MS_NS, SECOND_NS
+from lfpipe.transport.ring import MS_NS, SECOND_NS
 from lfpipe.transport.status import Row
 
 # of the eye distance: ten times the noise, while the head has hardly moved; 3 px in docs/photon.md

@@ -12,7 +12,7 @@ import attrs
 from lfpipe.config import Config, Render
 from lfpipe.config.camera_pose import CameraPose
 from lfpipe.config.quality import WARPS, DrawingLevel, drawing_levels
-from lfpipe.files.decoding import fit_area
+from lfpipe.files.codecs import fit_area
 from lfpipe.render.synthesis.compositor import (
     method_for,
     planes_of_eyes,
@@ -21,7 +21,7 @@ from lfpipe.render.synthesis.compositor import (
 from lfpipe.render.synthesis.scene_views import stored_channels
 from lfpipe.render.synthesis.scoring import SCREEN_PX, measure_costs
 from lfpipe.render.viewer.geometry import alpha_is_automatic
-from lfpipe.scene.classification import CONFIRMED
+from lfpipe.scene.analysis import CONFIRMED
 from lfpipe.scene.lightfield import LightField
 
 

@@ -32,8 +32,7 @@ from lfpipe.render.synthesis.anaglyph import Pair
 from lfpipe.render.synthesis.compositor import Key
 from lfpipe.render.viewer.mouse_look import MouseLook
 from lfpipe.render.viewer.viewer import VIDEO_LEAD, Viewer, Viewpoints
-from lfpipe.transport.clock import MS_NS, now_ns, sleep_until
-from lfpipe.transport.ring import Stamp
+from lfpipe.transport.ring import MS_NS, Stamp, now_ns, sleep_until
 
 # A record is stale, because the tracker died or hangs, if it is older than MAX_STEP_NS and than
 # STALE_FRAMES frame intervals.

@@ -25,7 +25,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lfpipe.config import Config
-from lfpipe.config.modes import (
+from lfpipe.config.quality import lowered
+from lfpipe.config.session_options import (
     Lossless,
     MouseViewer,
     Nothing,
@@ -35,12 +36,11 @@ from lfpipe.config.modes import (
     Window,
     device_latency_ms,
 )
-from lfpipe.config.quality import lowered
 from lfpipe.errors import UserError
 from lfpipe.eyes import EYES, EyesRecord
-from lfpipe.files.output import check_output
-from lfpipe.host.processes import run_on
-from lfpipe.host.wake import readable
+from lfpipe.files.safe_files import check_output
+from lfpipe.host.files import readable
+from lfpipe.host.machine import run_on
 from lfpipe.plugins import IN_USE, blaming
 from lfpipe.render.display.display import Pointer
 from lfpipe.render.display.file_display import save
@@ -65,13 +65,12 @@ from lfpipe.render.ui.settings import Files
 from lfpipe.render.viewer.mouse_look import MouseLook
 from lfpipe.render.viewer.presence import ViewerState
 from lfpipe.render.viewer.viewer import Canvas, Viewer
-from lfpipe.scene.inverted_depth import remember, shown_as
+from lfpipe.scene.lightfield import remember, shown_as
 from lfpipe.scene.pack import open_pack
 from lfpipe.sequence.recorder import Recorder
-from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
 from lfpipe.transport.context import BEAT_NS, Context
 from lfpipe.transport.control import Message
-from lfpipe.transport.ring import Stamp
+from lfpipe.transport.ring import MS_NS, SECOND_NS, Stamp, now_ns
 from lfpipe.transport.status import ENDED
 
 if TYPE_CHECKING:

@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 from lfpipe.config import Config, options
 from lfpipe.config.check import MAX_LISTED, flat
 from lfpipe.errors import VALUE_CHARS, UserError, plain, quoted
-from lfpipe.files.output import PLACE, write_output
 from lfpipe.files.pictures import header_of
-from lfpipe.files.safe_files import reason
+from lfpipe.files.safe_files import PLACE, reason, write_output
 from lfpipe.render.listeners import PICTURES
-from lfpipe.replays.report import (
+from lfpipe.replays.run import (
     COUNTED,
     DIFFERENCE,
     Line,

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.scene.demo import SIZE_PX
+from lfpipe.scene.pack import DEMO_SIZE_PX
 
 Picture = NDArray[np.uint8]
 Floats = NDArray[np.float32]
@@ -131,7 +131,7 @@ Solid = Quad | Ball
 
 
 def draw_view(
-    solids: list[Solid], u: float, v: float, size_px: int = SIZE_PX
+    solids: list[Solid], u: float, v: float, size_px: int = DEMO_SIZE_PX
 ) -> tuple[Picture, Floats]:
     """The view of the camera at grid offset (u, v) from the centre: uint8 (size_px, size_px, 3) RGB
     and its exact disparity.

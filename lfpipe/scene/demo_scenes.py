@@ -11,9 +11,9 @@ import attrs
 import numpy as np
 
 from lfpipe.scene import demo_textures as textures
-from lfpipe.scene.demo import SIZE_PX
 from lfpipe.scene.demo_drawing import Ball, Picture, Quad, Solid
 from lfpipe.scene.demo_textures import TEXELS
+from lfpipe.scene.pack import DEMO_SIZE_PX
 
 OFFSET_PX = 8.0  # disparity between infinity and the plane of zero disparity
 VANISHING = (256.0, 60.0)  # vanishing point of lines straight away from the camera
@@ -28,7 +28,7 @@ PAPER = (238, 232, 216)
 @cache  # describing and drawing a scene both call it
 def solids_of(name: str, scale: float = 1.0) -> list[Solid]:
     """The solids of a scene of `demo.NAMES`, back to front; deterministic. scale: of its views,
-    against SIZE_PX.
+    against DEMO_SIZE_PX.
     """
     rng = np.random.default_rng(9)
     objects = {"marbles": _marbles, "meadow": _meadow}.get(name, _still_life)
@@ -98,11 +98,13 @@ def _lying(texture: Picture, x: float, half: float, d_far: float, d_near: float)
 def _room(rng: np.random.Generator, scale: float = 1.0) -> list[Solid]:
     """The wall with the eye chart, and the table."""
     seam = _table_y(WALL_D)
-    side = round((SIZE_PX + 2 * MARGIN) * TEXELS)
+    side = round((DEMO_SIZE_PX + 2 * MARGIN) * TEXELS)
     chart = textures.poster(232, 308, textures.LETTERS, (PAPER, PAPER), (40, 34, 34), (84, 62, 40))
     wall = textures.wall(rng, round((seam + MARGIN) * TEXELS), side)
     return [
-        _upright(textures.opaque(wall, scale), -MARGIN, -MARGIN, SIZE_PX + MARGIN, seam, WALL_D),
+        _upright(
+            textures.opaque(wall, scale), -MARGIN, -MARGIN, DEMO_SIZE_PX + MARGIN, seam, WALL_D
+        ),
         _upright(textures.shadow(0.5), 330, 76, 474, 240, WALL_D),
         _upright(textures.opaque(chart, scale), 336, 62, 452, 216, WALL_D + 0.06),
         _lying(

@@ -12,10 +12,8 @@ from lfpipe import config
 from lfpipe.config import SceneSummary, converter
 from lfpipe.host.files import is_dir
 from lfpipe.host.worker import Worker
-from lfpipe.scene.cache import cache_dir, packed
-from lfpipe.scene.demo import demo_scene, named_scene
 from lfpipe.scene.lightfield import LightField, Manifest
-from lfpipe.scene.pack import open_pack
+from lfpipe.scene.pack import cache_dir, demo_scene, named_scene, open_pack, packed
 from lfpipe.scene.source import Progress
 
 SILENT_S = 300.0  # limit without a step: a large picture, beside busy programs or on a slow disk

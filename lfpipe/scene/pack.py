@@ -1,16 +1,13 @@
-"""A pack on disk: planar arrays, opened as read-only memory maps, and manifest.json.
-
-- views.npy: uint8 (frames, rows, cols, channels, height, width); locked while a light field of the
-  pack is open
-- disparity.npy: int8 (frames, rows, cols, half height, half width); only of a complete pack
-- manifest.json: written last; "complete": whether all views and the disparity are there
-
-Views are written first: a pack without disparity can be shown.
+"""Demo light fields: folders with one small file. The packer renders their views, with exact
+disparity.
 """
 
 import contextlib
+import hashlib
 import json
 import os
+import re
+import shutil
 import weakref
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -19,16 +16,63 @@ from typing import Any
 
 import attrs
 import numpy as np
+import platformdirs
 from numpy.typing import NDArray
 
+from lfpipe import config
 from lfpipe.config import SceneSummary, converter
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import check_regular, open_regular, read_bytes, reason, write_file
 from lfpipe.files.untrusted import json_fields
-from lfpipe.host.file_lock import lock_open
-from lfpipe.host.files import reserve
-from lfpipe.scene.inverted_depth import shown_as
-from lfpipe.scene.lightfield import VERSION, DisparitySource, LightField, Manifest
+from lfpipe.host.files import exists, lock_file, lock_open, reserve
+from lfpipe.scene.lightfield import VERSION, DisparitySource, LightField, Manifest, shown_as
+from lfpipe.scene.source import Listing, list_scene
+
+DEMO = "still-life"  # the default demo
+DEMOS = (DEMO, "marbles", "meadow")
+DEMO_VERSION = 3  # increase it when the pictures change: older packs then stay untouched
+DEMO_PREFIX = "demo:"  # demo:marbles is accepted in place of a path
+DEMO_MARKER = "lfpipe-demo.json"
+DEMO_SIZE_PX = 512  # of a view, both sides, that the scenes are described for, and benchmarks use
+SHOWN_PX = 768  # of those on a screen: drawn at full quality at 60 Hz on two cores
+
+
+def demo_scene(cache_dir: Path, name: str = DEMO, size_px: int = SHOWN_PX) -> Path:
+    """The folder of one of DEMOS below cache_dir.
+
+    Raises UserError if the cache cannot be written.
+    """
+    folder = (
+        cache_dir / f"demo-{DEMO_VERSION}" / (name if size_px == SHOWN_PX else f"{name}-{size_px}")
+    )
+    marker = folder / DEMO_MARKER
+    try:
+        if not marker.is_file():
+            write_file(
+                marker,
+                json.dumps({"scene": name, "version": DEMO_VERSION, "size_px": size_px}).encode(),
+                0o644,
+            )
+    except OSError as error:
+        raise UserError(
+            f"demo scene: {folder} cannot be written: {error.strerror or error}",
+            "check free disk space and permissions, or use another folder with --set"
+            " scene.cache_dir=DIR",
+        ) from None
+    return folder
+
+
+def named_scene(path: Path, cache_dir: Path) -> Path:
+    """The folder of demo:DEMO, or path itself. Raises UserError."""
+    word = str(path)
+    if not word.startswith(DEMO_PREFIX) or exists(path):
+        return path
+    if (name := word.removeprefix(DEMO_PREFIX)) not in DEMOS:
+        raise UserError(
+            f"{word}: no such scene", f"use {', '.join(DEMO_PREFIX + name for name in DEMOS)}"
+        )
+    return demo_scene(cache_dir, name=name)
+
 
 VIEWS, DISPARITY, MANIFEST = "views.npy", "disparity.npy", "manifest.json"
 INTERIM = "interim.npy"  # while the disparity is estimated
@@ -160,3 +204,182 @@ def summarize(field: LightField) -> SceneSummary:
         disparity_max_px=field.disparity_max_px,
         **{name: getattr(field, name) for name in same},
     )
+
+
+_DEEPEST = 3  # levels of folders between the given one and its pictures
+_KEY = re.compile("[0-9a-f]{24}")  # as `key_of` returns it
+
+
+def cache_dir(scene: config.Scene) -> Path:
+    """The cache: scene.cache_dir, or the user's cache directory. It need not exist."""
+    return (
+        Path(scene.cache_dir).expanduser()
+        if scene.cache_dir
+        else Path(platformdirs.user_cache_dir("lfpipe"))
+    )
+
+
+@contextlib.contextmanager
+def writing(root: Path) -> Iterator[None]:
+    """Turns write errors of the cache into UserError."""
+    try:
+        yield
+    except OSError as error:
+        raise UserError(
+            f"cache directory {root}: {reason(error)}",
+            "free some space, or use another one with --set scene.cache_dir=DIR",
+        ) from None
+
+
+def prepare_cache(scene: config.Scene) -> Path:
+    """Creates the folders of the cache. Raises UserError if they are not writable."""
+    root = cache_dir(scene)
+    with writing(root):
+        for name in ("scenes", "locks"):
+            (root / name).mkdir(parents=True, exist_ok=True)
+            if not os.access(root / name, os.W_OK):
+                raise PermissionError(13, f"no permission to write to {name}")
+    return root
+
+
+def key_of(path: str | os.PathLike[str], scene: config.Scene) -> str:
+    """Hash of the settings, and of names, sizes and times at path and some levels of subfolders:
+    equal while nothing changes. Raises UserError.
+    """
+    used = attrs.asdict(
+        scene, filter=lambda field, _: field.name not in ("cache_dir", "invert_depth")
+    )
+    text = json.dumps({"version": VERSION, **used}, sort_keys=True)
+    digest = hashlib.blake2b(text.encode(), digest_size=12)
+    listing = list_scene(path)
+    digest.update(str(listing.path.resolve()).encode(errors="surrogateescape"))
+    for entry in _entries(listing, 1 if listing.pictures() else _DEEPEST):
+        with contextlib.suppress(OSError):
+            state = entry.stat()
+            digest.update(
+                f"{entry}\0{state.st_size}\0{state.st_mtime_ns}\0".encode(errors="surrogateescape")
+            )
+    return digest.hexdigest()
+
+
+def _entries(listing: Listing, deep: int) -> Iterator[Path]:
+    """Files of a folder, and of `deep` levels of subfolders."""
+    yield from (listing.folder / name for name in listing.names)
+    for name in listing.folders if deep else ():
+        with contextlib.suppress(UserError):
+            yield from _entries(list_scene(listing.folder / name), deep - 1)
+
+
+def usable(pack: Path, scene: config.Scene, *, complete: bool = False) -> LightField | None:
+    """The light field of a pack; None if the pack is damaged or, with complete, has no disparity
+    yet. All decisions on pack reuse are made here.
+    """
+    with contextlib.suppress(DamagedPackError):
+        field = open_pack(pack, scene.invert_depth)
+        return field if field.complete or not complete else None
+    return None
+
+
+def packed(
+    path: str | os.PathLike[str], scene: config.Scene, *, complete: bool = False
+) -> LightField | None:
+    """As `usable`, for the path of a pack, of an unchanged scene, or of demo:NAME. Reads no
+    picture. Raises UserError if there is no scene.
+    """
+    root = cache_dir(scene)
+    path = named_scene(Path(path), root)
+    places = (path, root / "scenes" / key_of(path, scene))
+    fields = (usable(pack, scene, complete=complete) for pack in places if exists(pack / MANIFEST))
+    return next(filter(None, fields), None)
+
+
+@attrs.frozen(order=True)
+class CachedPack:
+    """A pack in the cache."""
+
+    created: str  # "" if the manifest is unreadable
+    folder: Path
+    size_bytes: int
+    manifest: Manifest | None = attrs.field(order=False)  # None if it is unreadable
+
+    @property
+    def names(self) -> set[str]:
+        """The names that a user may give for it: its key, its name and its source."""
+        about = self.manifest
+        return {self.folder.name, *((about.name, about.source) if about else ())}
+
+
+def packs(scene: config.Scene) -> list[CachedPack]:
+    """Every pack, newest first."""
+    listed = []
+    for folder in (cache_dir(scene) / "scenes").glob("*/"):
+        if not _KEY.fullmatch(folder.name) or folder.is_symlink():
+            continue
+        manifest = None
+        with contextlib.suppress(DamagedPackError):
+            manifest = read_manifest(folder)
+        size_bytes = sum(file.lstat().st_size for file in folder.iterdir())
+        listed.append(
+            CachedPack(manifest.created if manifest else "", folder, size_bytes, manifest)
+        )
+    return sorted(listed, reverse=True)
+
+
+def remove(folder: Path) -> bool:
+    """Deletes a pack; returns False and keeps it if any process has it open or is writing it.
+
+    Raises UserError.
+    """
+    root = folder.parents[1]
+    # a concurrent `clean` may have removed it
+    with writing(root), contextlib.suppress(FileNotFoundError), contextlib.ExitStack() as held:
+        for file in (root / "locks" / folder.name, folder / VIEWS):
+            if (lock := lock_file(file)) is None:
+                return False
+            held.callback(lock.release)
+        shutil.rmtree(folder)
+    return True
+
+
+def sweep(scene: config.Scene) -> int:
+    """Removes leftovers of killed packers and other versions; returns their number. Raises
+    UserError.
+    """
+    return sum(remove(pack.folder) for pack in packs(scene) if pack.manifest is None)
+
+
+# several screens of thumbnails
+COUNT = 40
+
+
+def _file() -> Path:
+    return Path(platformdirs.user_state_dir("lfpipe")) / "recent_scenes.json"
+
+
+def _read() -> list[Path]:
+    """The scenes of the list, without checking that they exist."""
+    try:
+        paths = json.loads(read_bytes(_file()))
+    except (OSError, ValueError):
+        return []
+    if not isinstance(paths, list):
+        return []
+    return [Path(text) for text in paths if isinstance(text, str) and "\0" not in text]
+
+
+def recent_scenes() -> list[Path]:
+    """The recent scenes that still exist."""
+    return [path for path in _read() if exists(path)]
+
+
+def remember_scene(path: Path) -> None:
+    """Puts a scene first.
+
+    Does nothing if the folder is not writable: the session goes on.
+    """
+    _write(list(dict.fromkeys([path.resolve(), *recent_scenes()]))[:COUNT])
+
+
+def _write(paths: list[Path]) -> None:
+    with contextlib.suppress(OSError):
+        write_file(_file(), json.dumps([str(path) for path in paths]).encode())

@@ -1,5 +1,7 @@
 """Packs a light field of any layout in canonical order: first the views, then the disparity, from
-the flow between neighbouring views, or true disparity if it exists and matches better.
+the flow between neighbouring views, or true disparity if it exists and matches better. For missing
+views stands the nearest present one, or one view warped to the place of another by its disparity,
+with holes filled from behind.
 """
 
 import os
@@ -20,19 +22,18 @@ from lfpipe import config
 from lfpipe._version import __version__
 from lfpipe.errors import plain
 from lfpipe.files.pictures import STRIP_ROWS
-from lfpipe.host import file_lock
-from lfpipe.host.files import exists
-from lfpipe.host.processes import usable_cores
+from lfpipe.host.files import exists, waited_for
+from lfpipe.host.machine import usable_cores
 from lfpipe.plugins import LAYOUTS, blaming
-from lfpipe.scene import cache
 from lfpipe.scene.analysis import (
+    CONFIRMED,
     AnalysedScene,
     FrameIndex,
     analyse_source,
+    best_method,
     checked_source,
     is_grey,
 )
-from lfpipe.scene.classification import CONFIRMED, best_method
 from lfpipe.scene.disparity import (
     border_range,
     compared,
@@ -47,7 +48,6 @@ from lfpipe.scene.disparity import (
     stored_map,
     view_disparity,
 )
-from lfpipe.scene.files import library_errors
 from lfpipe.scene.lightfield import (
     UNKNOWN,
     Disparity,
@@ -56,19 +56,102 @@ from lfpipe.scene.lightfield import (
     Manifest,
     MethodScores,
 )
-from lfpipe.scene.missing_views import nearest_present
-from lfpipe.scene.optical_flow import SMALLEST_PX
+from lfpipe.scene.optical_flow import SMALLEST_PX, FloatMap, displaced
 from lfpipe.scene.pack import (
     DISPARITY,
     INTERIM,
     VIEWS,
+    key_of,
     light_field,
     make_array,
     mapper,
     open_pack,
+    packed,
+    prepare_cache,
+    usable,
     write_manifest,
+    writing,
 )
-from lfpipe.scene.source import Progress
+from lfpipe.scene.source import Progress, library_errors
+
+_HIDDEN_PX = 1.0  # parallax that separates a surface from the one behind it
+
+
+def nearest_present(present: NDArray[np.bool_], row: int, col: int) -> tuple[int, int]:
+    """The present view closest to (row, col); among equals, the first in order."""
+    rows, cols = np.nonzero(present)
+    best = int(np.argmin((rows - row) ** 2 + (cols - col) ** 2))
+    return int(rows[best]), int(cols[best])
+
+
+def warped_disparity(disparity: FloatMap, down: float, across: float) -> FloatMap:
+    """The disparity map of a view, warped to the view `down` rows and `across` columns further;
+    float32 (h, w) both.
+
+    If several surfaces land on a pixel, the nearest one is kept; pixels without any are filled from
+    the farther neighbour.
+    """
+    height, width = disparity.shape
+    order = np.argsort(disparity.ravel(), kind="stable")
+    y, x = np.divmod(order, width)
+    d = disparity.ravel()[order]
+    to_x, to_y = np.rint(x - d * across).astype(np.intp), np.rint(y - d * down).astype(np.intp)
+    inside = (to_x >= 0) & (to_x < width) & (to_y >= 0) & (to_y < height)
+    out = np.full((height, width), np.inf, np.float32)
+    if not inside.any():
+        return disparity
+    out[to_y[inside], to_x[inside]] = d[inside]
+    cracks = np.asarray(
+        cv2.medianBlur(np.where(np.isinf(out), np.float32(disparity.min()), out), 3), np.float32
+    )
+    for _ in range(height + width):
+        empty = np.isinf(out)
+        if not empty.any():
+            break
+        # the default border is the largest float, which is finite and would spread inwards
+        out = np.where(
+            empty, cv2.erode(out, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE), out
+        )
+    return np.maximum(out, cracks)
+
+
+def nearest(usable: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """The flat index of the nearest usable pixel, by pixel (h, w)."""
+    _, labels = cv2.distanceTransformWithLabels(
+        (~usable).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    index = np.zeros(int(labels.max()) + 1, np.intp)
+    index[labels[usable]] = np.flatnonzero(usable)
+    return np.asarray(index[labels])
+
+
+def warped_view(
+    picture: NDArray[Any], disparity: FloatMap, target: FloatMap, down: float, across: float
+) -> NDArray[Any]:
+    """A view warped to the one `down` rows and `across` columns further, (h, w) or (h, w, 3).
+    target: `warped_disparity` of disparity.
+
+    If the source of a pixel shows a nearer surface, the pixel was hidden: the nearest pixel at its
+    depth fills it.
+    """
+    by_px = np.dstack((target * np.float32(across), target * np.float32(down)))
+    out = displaced(picture, by_px)
+    step = max(abs(down), abs(across))
+    hidden = (displaced(disparity, by_px) - target) * step > _HIDDEN_PX
+    if not hidden.any():
+        return out
+    hidden = cv2.dilate(hidden.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    reach = 2 * int(step * float(np.ptp(disparity))) + 3
+    behind = target - cv2.erode(
+        target, np.ones((reach, reach), np.uint8), borderType=cv2.BORDER_REPLICATE
+    ) < max(_HIDDEN_PX / max(step, 1e-9), 1e-6)
+    usable = behind & ~hidden
+    if not usable.any():
+        return out
+    flat = out.reshape(out.shape[0] * out.shape[1], -1).copy()
+    flat[hidden.ravel()] = flat[nearest(usable)[hidden]]
+    return flat.reshape(out.shape)
+
 
 T = TypeVar("T")
 Score = Callable[[LightField], MethodScores]
@@ -92,20 +175,20 @@ def pack_scene(
     processes may call this at once; a later call replaces the unfinished pack of a killed process.
     Raises UserError.
     """
-    field = cache.packed(path, settings, complete=True)
+    field = packed(path, settings, complete=True)
     if field is not None:
         return field
-    key = cache.key_of(path, settings)
-    root = cache.prepare_cache(settings)
+    key = key_of(path, settings)
+    root = prepare_cache(settings)
     folder = root / "scenes" / key
     with library_errors(path):
         source, settings = checked_source(path, settings)
         waiting = partial(progress, "waiting for another packer", 0, 1)
         with (
             blaming([(LAYOUTS, source.layout)]),
-            file_lock.waited_for(root / "locks" / key, waiting),
+            waited_for(root / "locks" / key, waiting),
         ):
-            if cache.usable(folder, settings, complete=True) is None:
+            if usable(folder, settings, complete=True) is None:
                 scene = analyse_source(source, settings)
                 try:
                     _write_views(scene, folder, views_ready, progress)
@@ -203,7 +286,7 @@ def _write_views(
     first = min(len(views), 5) if scene.source.frames == 1 else len(views)
     item_bytes = 6 * scene.source.height_px * scene.source.width_px
     try:
-        with cache.writing(folder.parents[1]):
+        with writing(folder.parents[1]):
             if exists(folder):  # left by a killed packer
                 shutil.rmtree(folder)
             folder.mkdir()
@@ -227,7 +310,7 @@ def _write_views(
 
 def _complete(scene: AnalysedScene, folder: Path, score: Score, progress: Progress) -> None:
     """Writes the disparity of a pack with views, then the manifest that announces it."""
-    with cache.writing(folder.parents[1]):
+    with writing(folder.parents[1]):
         disparity = write_disparity(scene, folder, progress)
         manifest = attrs.evolve(
             manifest_of(scene, folder.name), complete=True, disparity=disparity, method="nearest"

@@ -24,10 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.files.decoding import ENDS_BYTES, BrokenFrame, codec_name, is_jpeg, is_video, picture_of
+from lfpipe.files.codecs import ENDS_BYTES, BrokenFrame, codec_name, is_jpeg, is_video, picture_of
 from lfpipe.files.safe_files import open_file
-from lfpipe.host.files import proc_fd_path
-from lfpipe.host.limits import MemoryLimit
+from lfpipe.host.files import MemoryLimit, proc_fd_path
 from lfpipe.host.machine import install_command
 from lfpipe.host.terminal import opencv_logging
 

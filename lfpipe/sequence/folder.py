@@ -29,6 +29,8 @@ from lfpipe.files.safe_files import (
     PRIVATE_FOLDER,
     WORK_NAME,
     check_links,
+    create_private,
+    lines,
     open_file,
     read_bytes,
     reason,
@@ -36,18 +38,21 @@ from lfpipe.files.safe_files import (
 )
 from lfpipe.files.untrusted import Fields, json_fields
 from lfpipe.host.files import exists
-from lfpipe.sequence.eyes import TRUTH, eyes_of
 from lfpipe.sequence.packets import (
     COPY,
+    EYES_LINE_BYTES,
     HEADER_BYTES,
     INDEX,
     LINE_BYTES,
     MAX_PACKETS,
     MAX_PIXELS,
     PACKETS,
+    REMEDY,
+    TRUTH,
     Packets,
     PacketWriter,
     decoded,
+    eyes_of,
     read_index,
     read_packet,
 )
@@ -344,3 +349,50 @@ def check_sums(sequence: Sequence) -> None:
     for path, name in ((sequence.path / name, name) for name in SUMMED if name in checksums):
         if _sha256(path) != checksums[name]:
             raise UserError(f"{path}: wrong checksum: it was changed after recording", COPY)
+
+
+def cut(sequence: Sequence, out: Path, begin_s: float, end_s: float) -> int:
+    """Copies the frames from begin_s to end_s (exclusive) after the first one to a new sequence.
+    Packets are copied unchanged.
+
+    Returns the number of frames. Raises UserError if there are none, or if out cannot be created.
+    """
+    first_ns = sequence.packets[0].t_sensor_ns
+    chosen = [
+        packet
+        for packet in sequence.packets
+        if begin_s * 1e9 <= packet.t_sensor_ns - first_ns < end_s * 1e9
+    ]
+    if not chosen:
+        raise UserError(
+            f"{sequence.path}: has no frame from {begin_s:g} s to {end_s:g} s",
+            f"use times up to {sequence.duration_s:.3f} s, where it ends",
+        )
+    about = {
+        key: value for key, value in sequence.manifest.items() if key in ("versions", "config")
+    }
+    about["cut_from"] = {
+        "name": plain(sequence.path.name, 255),
+        "begin_s": begin_s,
+        "end_s": min(end_s, sequence.duration_s),
+    }
+    source = str(sequence.manifest.get("source", ""))
+    with new_sequence(out, source, sequence.size_px, sequence.rate_hz, **about) as writer:
+        for p in chosen:
+            writer.append(
+                sequence.data(p.seq), p.codec, p.source_seq, p.epoch, p.t_sensor_ns, p.t_read_ns
+            )
+        if os.path.lexists(truth := sequence.path / TRUTH):
+            with create_private(out / TRUTH) as file:
+                file.writelines(_rows(truth, chosen[0].seq, chosen[-1].seq))
+    return len(chosen)
+
+
+def _rows(truth: Path, first: int, last: int) -> Iterator[bytes]:
+    """The head of a table, and its rows from first to last. Raises UserError."""
+    try:
+        for number, row in itertools.islice(lines(truth, EYES_LINE_BYTES, REMEDY), last + 2):
+            if number == 1 or number >= first + 2:
+                yield row
+    except OSError as error:
+        raise UserError(f"{truth}: cannot be read: {reason(error)}", REMEDY) from None

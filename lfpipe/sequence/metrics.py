@@ -1,6 +1,6 @@
 """The metrics of the stages that record."""
 
-from lfpipe.transport.metrics import Kind, Metric
+from lfpipe.transport.status import Kind, Metric
 
 RECORDING = (
     Metric("recorded", Kind.COUNT, "frames stored by recordings"),

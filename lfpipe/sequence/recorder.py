@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError, redacted
 from lfpipe.host.files import exists
-from lfpipe.host.machine import versions
-from lfpipe.host.processes import yield_to_others
+from lfpipe.host.machine import versions, yield_to_others
 from lfpipe.sequence.folder import MANIFEST, SequenceWriter, make_out, remove_empty
 from lfpipe.sequence.packets import encoded
-from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.control import Message
+from lfpipe.transport.ring import MS_NS, now_ns
 
 # of frames to encode: some seconds, so that a slow disk loses no frame
 BUFFER_BYTES = 128 << 20

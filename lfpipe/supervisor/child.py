@@ -19,12 +19,11 @@ from lfpipe import log
 from lfpipe.config import converter
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import write_file
-from lfpipe.host import processes, signals
-from lfpipe.host.child import end_with_parent
+from lfpipe.host import machine, signals
+from lfpipe.host.worker import end_with_parent
 from lfpipe.plugins import IN_USE, blaming
 from lfpipe.supervisor import rundir
-from lfpipe.transport.context import Context
-from lfpipe.transport.ring_io import StageSpec
+from lfpipe.transport.context import Context, StageSpec
 from lfpipe.transport.status import State
 
 logger = logging.getLogger(__name__)
@@ -50,10 +49,10 @@ def main() -> None:
     signals.ignore()
     parent_pid, plain = json.loads(sys.stdin.buffer.readline())
     end_with_parent()
-    if not processes.end_with_parent(parent_pid):
+    if not machine.end_with_parent(parent_pid):
         return
     spec = converter().structure(plain, StageSpec)
-    processes.set_up(f"lfpipe-{spec.name}")
+    machine.set_up(f"lfpipe-{spec.name}")
     run_dir = spec.session.run_dir
     stack = crash_report_path(run_dir, "stack", spec.name).open("w")
     faulthandler.enable(stack)
@@ -75,7 +74,7 @@ def _run_stage(spec: StageSpec, parent_pid: int, run_dir: Path, stack: TextIO) -
     signal.signal(signal.SIGTERM, stop)
     code = 0
     try:
-        processes.run_on(spec.cpus)
+        machine.run_on(spec.cpus)
         import cv2
 
         cv2.setNumThreads(1)  # the plan is one core per stage; thread pools would break it

@@ -14,8 +14,8 @@ import attrs
 import zmq
 
 from lfpipe.transport import control
-from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.control import BadMessage, Message
+from lfpipe.transport.ring import SECOND_NS, now_ns
 
 MOST = 32  # messages of a socket per step of the session, which has other work
 WAITING = 64  # messages of a client that wait here; more wait in the client

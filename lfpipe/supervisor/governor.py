@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from lfpipe.config import QualityLevel
 from lfpipe.supervisor.process_table import CORE, DOES, SHOWN_BY
 from lfpipe.supervisor.session_state import SessionState
-from lfpipe.transport.clock import SECOND_NS
+from lfpipe.transport.ring import SECOND_NS
 from lfpipe.transport.status import State
 
 # viewers notice lag immediately; frequent changes of level are more annoying than a lower one

@@ -9,12 +9,11 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.host.processes import usable_cores
+from lfpipe.host.machine import usable_cores
 from lfpipe.notices import notices
 from lfpipe.supervisor.process_table import CORE, SHOWN_BY, SOURCE, TRACKED_BY
-from lfpipe.transport.clock import now_ns
-from lfpipe.transport.metrics import MetricSet, Times, summary_ms
-from lfpipe.transport.status import State, busy_work, rate_hz
+from lfpipe.transport.ring import now_ns
+from lfpipe.transport.status import MetricSet, State, Times, busy_work, rate_hz, summary_ms
 
 SEATED = "seated"  # the viewer of a session without pictures, while tracking sees a face
 

@@ -7,16 +7,16 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from lfpipe.capture.metrics import METRICS as CAPTURE_METRICS
+from lfpipe.capture.spec import METRICS as CAPTURE_METRICS
 from lfpipe.config import Config, SessionOptions
-from lfpipe.config.modes import MouseViewer
+from lfpipe.config.session_options import MouseViewer
 from lfpipe.eyes import EYES, SHOWN
 from lfpipe.plugins import STAGES as PLUGGED
 from lfpipe.plugins import load, plugins
 from lfpipe.render.metrics import METRICS as RENDER_METRICS
 from lfpipe.track.metrics import METRICS as TRACK_METRICS
+from lfpipe.transport.context import Stage as Stage
 from lfpipe.transport.ring import RingSpec
-from lfpipe.transport.ring_io import Stage as Stage
 
 # scores a scene's methods; run by the packer, which must not import the rendering packages
 SCORER = "lfpipe.render.synthesis.scoring:scores"

@@ -17,7 +17,13 @@ import attrs
 from lfpipe import config as config_module
 from lfpipe.capture.spec import source_file
 from lfpipe.config import DrawingCosts, SceneSummary, converter
-from lfpipe.config.modes import CameraViewer, Lossless, MouseViewer, RecordedEyes, is_measurable
+from lfpipe.config.session_options import (
+    CameraViewer,
+    Lossless,
+    MouseViewer,
+    RecordedEyes,
+    is_measurable,
+)
 from lfpipe.errors import UserError
 from lfpipe.plugins import REQUESTS, blaming, load, plugins
 from lfpipe.scene.open_scene import PackerRequest
@@ -29,8 +35,8 @@ from lfpipe.supervisor.process_table import (
     TRACKED_BY,
 )
 from lfpipe.supervisor.session_state import SessionState
-from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.control import BadMessage, Message
+from lfpipe.transport.ring import SECOND_NS
 
 logger = logging.getLogger(__name__)
 # outputs that can start and stop while a session runs:

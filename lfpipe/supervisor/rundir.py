@@ -14,12 +14,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from lfpipe.errors import UserError
-from lfpipe.host import file_lock, processes
-from lfpipe.host.file_lock import Lock
-from lfpipe.host.files import is_missing
-from lfpipe.host.limits import REMEDIES
+from lfpipe.host import machine
+from lfpipe.host.files import PAUSE_S, REMEDIES, Lock, is_held, is_missing, lock_file
 from lfpipe.transport import control
-from lfpipe.transport.session import LIVE, PREFIX, Session, base_dir
+from lfpipe.transport.control import LIVE, PREFIX, Session, base_dir
 
 # to take a lock: a process that sweeps or lists sessions holds one briefly
 ATTEMPTS = 30
@@ -62,7 +60,7 @@ def take_lock(path: Path, make: bool = False) -> Lock | None:
         try:
             if make:
                 _make_directory(path.parent)
-            lock = file_lock.take(path)
+            lock = lock_file(path)
         except FileNotFoundError:
             if make:
                 continue
@@ -128,7 +126,7 @@ def take(path: Path, in_use: UserError) -> Lock:
     for _ in range(ATTEMPTS):
         if (lock := take_lock(path / "lock", make=True)) is not None:
             break
-        time.sleep(file_lock.PAUSE_S)
+        time.sleep(PAUSE_S)
     else:
         raise in_use
     try:
@@ -150,7 +148,7 @@ def _empty(path: Path) -> None:
         pids = [int(row["pid"]) for row in table.rows.values()]
         table.close()
         for pid in filter(None, pids):
-            processes.resume_stage(pid)
+            machine.resume_stage(pid)
     for entry in path.iterdir():
         if entry.name != "lock":
             if stat.S_ISDIR(entry.lstat().st_mode):
@@ -195,7 +193,7 @@ def sweep_own(run_dir: Path) -> None:
             remove(run_dir, lock)
         if is_missing(run_dir):
             return
-        time.sleep(file_lock.PAUSE_S)
+        time.sleep(PAUSE_S)
 
 
 def running() -> list[str]:
@@ -203,7 +201,7 @@ def running() -> list[str]:
     names = []
     for name, path in _directories():
         with contextlib.suppress(OSError):  # it is starting, has just ended, or is unreadable
-            names += [name] if name and file_lock.is_held(path / "lock") else []
+            names += [name] if name and is_held(path / "lock") else []
     return sorted(names)
 
 

@@ -9,8 +9,8 @@ import attrs
 from lfpipe.config import SceneSummary
 from lfpipe.scene.open_scene import PackerRequest, Packing
 from lfpipe.supervisor.control_sockets import Request
-from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.control import Message
+from lfpipe.transport.ring import SECOND_NS, now_ns
 
 STEP_NS = SECOND_NS // 5  # between two reports of progress
 WANTED, SHOWN = "wanted", "shown"  # scenes: of a request, and on the screen

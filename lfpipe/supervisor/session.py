@@ -20,11 +20,11 @@ import zmq
 from lfpipe import log as session_log
 from lfpipe._version import __version__
 from lfpipe.config import Config, SessionOptions, converter
-from lfpipe.config.modes import Lossless
+from lfpipe.config.session_options import Lossless
 from lfpipe.errors import UserError, plain, redacted
-from lfpipe.host import limits, signals
-from lfpipe.host.file_lock import Lock
-from lfpipe.host.processes import usable_cores
+from lfpipe.host import signals
+from lfpipe.host.files import Lock, allow_files
+from lfpipe.host.machine import usable_cores
 from lfpipe.notices import Fault, faults
 from lfpipe.scene.open_scene import Packing
 from lfpipe.supervisor import child, process_table, rundir
@@ -41,11 +41,9 @@ from lfpipe.supervisor.stage_process import (
     StageProcess,
     StageProcesses,
 )
-from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
-from lfpipe.transport.context import BEAT_NS, IDLE_BEAT_NS
-from lfpipe.transport.control import EXECUTED, BadMessage, Message
-from lfpipe.transport.ring_io import StageSpec
-from lfpipe.transport.session import Session, SessionManifest
+from lfpipe.transport.context import BEAT_NS, IDLE_BEAT_NS, StageSpec
+from lfpipe.transport.control import EXECUTED, BadMessage, Message, Session, SessionManifest
+from lfpipe.transport.ring import MS_NS, SECOND_NS, now_ns
 from lfpipe.transport.status import Row
 
 logger = logging.getLogger(__name__)
@@ -587,7 +585,7 @@ class LiveSession:
 @contextlib.contextmanager
 def _acquired(session: Session) -> Iterator[Lock]:
     """The lock of the session, where the limits of this system allow one. Raises UserError."""
-    limits.allow_files()
+    allow_files()
     with rundir.filled(session):
         lock = rundir.acquire(session)
     try:

@@ -25,10 +25,9 @@ from lfpipe.config import (
     Snapshot,
     converter,
 )
-from lfpipe.config.modes import Lossless, watching
 from lfpipe.config.quality import first_level, quality_levels
-from lfpipe.host import wake
-from lfpipe.host.segment import Segment
+from lfpipe.config.session_options import Lossless, watching
+from lfpipe.host.files import Segment, make_fifo
 from lfpipe.live.records import live_rings
 from lfpipe.scene.pack import hold_pack
 from lfpipe.supervisor.child import EXIT_TERMINATED
@@ -43,10 +42,8 @@ from lfpipe.supervisor.process_table import (
     written,
 )
 from lfpipe.transport import control, ring, status
-from lfpipe.transport.clock import SECOND_NS
-from lfpipe.transport.control import Message
-from lfpipe.transport.ring import RingSpec
-from lfpipe.transport.session import Session
+from lfpipe.transport.control import Message, Session
+from lfpipe.transport.ring import SECOND_NS, RingSpec
 
 # counted after all stages have applied a change; a stage that cannot use it fails sooner
 TRIAL_NS = 2 * SECOND_NS
@@ -299,8 +296,8 @@ class SessionStore:
             self._make(self._needed(state))
             for name, readers in consumers().items():
                 for reader in readers:
-                    wake.make(session.wake(name, reader))
-                    wake.make(session.credit(name, reader))
+                    make_fifo(session.wake(name, reader))
+                    make_fifo(session.credit(name, reader))
             self.table = status.Table(session.segment("status"), writable=True)
             self._memory = undo.pop_all()
 

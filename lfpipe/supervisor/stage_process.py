@@ -9,18 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import SessionOptions
-from lfpipe.config.modes import Lossless
+from lfpipe.config.session_options import Lossless
 from lfpipe.errors import UserError
 from lfpipe.host import signals
-from lfpipe.host.child import PATIENCE, Child, python
 from lfpipe.host.files import exists
-from lfpipe.host.processes import is_stopped
+from lfpipe.host.machine import is_stopped
+from lfpipe.host.worker import PATIENCE, Child, python
 from lfpipe.supervisor import child
 from lfpipe.supervisor.governor import GAP_S
 from lfpipe.supervisor.process_table import SOURCE, STAGES, Stage
-from lfpipe.transport.clock import SECOND_NS, now_ns
-from lfpipe.transport.ring_io import StageSpec
-from lfpipe.transport.session import Session
+from lfpipe.transport.context import StageSpec
+from lfpipe.transport.control import Session
+from lfpipe.transport.ring import SECOND_NS, now_ns
 from lfpipe.transport.status import ENDED, State, Table, busy_work, clear
 
 logger = logging.getLogger(__name__)

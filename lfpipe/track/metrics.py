@@ -1,5 +1,5 @@
 """The metrics of the stage `track`."""
 
-from lfpipe.transport.metrics import Kind, Metric, MetricSet
+from lfpipe.transport.status import Kind, Metric, MetricSet
 
 METRICS = MetricSet(Metric("face", Kind.FLAG, "the newest frame shows a face"))

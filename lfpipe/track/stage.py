@@ -14,14 +14,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.config.modes import RecordedEyes, device_latency_ms
 from lfpipe.config.quality import tracked_every
+from lfpipe.config.session_options import RecordedEyes, device_latency_ms
 from lfpipe.sequence.folder import open_sequence
 from lfpipe.track.eye_tracker import EyeTracker
-from lfpipe.transport.clock import now_ns
-from lfpipe.transport.context import Context
-from lfpipe.transport.ring import Stamp
-from lfpipe.transport.ring_io import RingOutput
+from lfpipe.transport.context import Context, RingOutput
+from lfpipe.transport.ring import Stamp, now_ns
 
 log = logging.getLogger(__name__)
 

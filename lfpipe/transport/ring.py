@@ -30,10 +30,15 @@ Read
 An in-order reader reads number n, the one after its last, by the same rule with n instead of p; or
 the oldest safe one. A killed writer has published only complete slots, and the next writer
 continues from the same counter. Slots that a slow reader missed are counted.
+
+Stamps are of one clock for every process: CLOCK_MONOTONIC as int64 nanoseconds. Subtract first,
+then convert to float seconds.
 """
 
 import enum
 import json
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -41,11 +46,59 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.host import segment
-from lfpipe.host.machine import fence
-from lfpipe.host.segment import PAGE as PAGE
-from lfpipe.host.segment import Segment
-from lfpipe.transport.clock import now_ns
+from lfpipe.host.files import PAGE as PAGE
+from lfpipe.host.files import Segment, create_segment, publish_segment
+from lfpipe.host.machine import asleep_ns, fence
+
+# of the machine, not of the process: stamps of different processes are comparable
+now_ns = time.monotonic_ns
+SECOND_NS = 1_000_000_000
+MS_NS = 1_000_000
+POLL_S = 0.001  # between two looks at a ring whose writer wakes nobody
+SLEPT_NS = SECOND_NS // 2  # the gap after which filters are reset
+
+
+def sleep_until(t_ns: int) -> None:
+    """Sleeps until an absolute time; returns at once if it has passed."""
+    wait_ns = t_ns - now_ns()
+    if wait_ns > 0:
+        time.sleep(wait_ns / 1e9)
+
+
+class SleepWatch:
+    """Detects that the machine was suspended. asleep: a function like `asleep_ns`."""
+
+    def __init__(self, asleep: Callable[[], int] = asleep_ns) -> None:
+        self._asleep = asleep
+        self._known_ns = asleep()
+
+    def woke(self) -> bool:
+        """Whether the machine was suspended for at least SLEPT_NS since the last call that returned
+        True.
+        """
+        slept_ns = self._asleep()
+        if slept_ns - self._known_ns < SLEPT_NS:
+            return False
+        self._known_ns = slept_ns
+        return True
+
+
+class Ticker:
+    """Absolute deadlines t0 + k * period without drift. Missed deadlines are skipped."""
+
+    def __init__(self, rate_hz: float, t0_ns: int) -> None:
+        self._rate_hz = rate_hz
+        self._t0_ns = t0_ns
+        self._k = 0
+
+    def due_ns(self) -> int:
+        """The next deadline."""
+        return self._t0_ns + int(self._k * 1e9 / self._rate_hz)
+
+    def advance(self, t_ns: int) -> None:
+        """Advances to the first later deadline that is not yet past at t_ns."""
+        self._k = max(self._k, int((t_ns - self._t0_ns) * self._rate_hz / 1e9)) + 1
+
 
 MAGIC = b"LFRING1\0"
 # offsets in the header: a cache line for each writer's field
@@ -116,7 +169,7 @@ class Stamp:
 
 def create(path: Path, spec: RingSpec) -> Segment:
     """Creates an empty ring; the caller keeps the segment and unlinks it. Raises UserError like
-    `segment.create`.
+    `create_segment`.
     """
     description = json.dumps(
         {"shape": spec.shape, "dtype": np.lib.format.dtype_to_descr(spec.dtype)}
@@ -127,14 +180,14 @@ def create(path: Path, spec: RingSpec) -> Segment:
             " description (a page or less)"
         )
     fence()  # fails on a machine without fences here, before the first process starts
-    memory = segment.create(path, spec.size_bytes)
+    memory = create_segment(path, spec.size_bytes)
     buffer = memory.buf
     head = np.frombuffer(buffer, "<i8", 5)
     head[1:] = spec.slots, spec.stride, spec.payload_bytes, len(description)
     buffer[DESCRIPTION : DESCRIPTION + len(description)] = description
     np.frombuffer(buffer, "<i8", 1, EPOCH)[0] = -1  # so that the first writer's epoch is 0
     buffer[: len(MAGIC)] = MAGIC
-    segment.publish(memory, path)  # last: a reader that finds it finds all
+    publish_segment(memory, path)  # last: a reader that finds it finds all
     return memory
 
 

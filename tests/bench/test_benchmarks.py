@@ -10,7 +10,7 @@ import pytest
 from lfpipe.bench import paper_loop, pipeline, tracker
 from lfpipe.bench.inputs import FrameSequence, demo_sequence, read_sequence
 from lfpipe.bench.runner import Variant
-from lfpipe.sequence.eyes import Truth
+from lfpipe.sequence.packets import Truth
 from lfpipe.track.models import has_face_mesh
 from tests.bench.inputs import inputs, wall
 

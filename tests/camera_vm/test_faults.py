@@ -11,8 +11,7 @@ import pytest
 
 from lfpipe import config
 from lfpipe.capture.camera import check_camera
-from lfpipe.capture.open_source import check_source, open_source
-from lfpipe.capture.reconnecting_camera import ReconnectingCamera
+from lfpipe.capture.open_source import ReconnectingCamera, check_source, open_source
 from lfpipe.errors import UserError
 from tests.camera_vm import driver
 from tests.camera_vm.driver import after, inject, plug, read, unload

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe import config
-from lfpipe.capture.camera_controls import (
+from lfpipe.capture.camera_list import (
     AUTO_EXPOSURE,
     AUTO_GAIN,
     DYNAMIC_FRAMERATE,
@@ -102,7 +102,7 @@ def test_controls_are_set_and_noted(kind: str) -> None:
 
 
 def test_the_exposure_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lfpipe.capture.camera_controls.CHECK_S", 0.01)
+    monkeypatch.setattr("lfpipe.capture.camera_list.CHECK_S", 0.01)
     device = webcam()
     controls = CameraControls(device, config.Camera(dynamic_framerate="auto"))
     for value in (20, 40):

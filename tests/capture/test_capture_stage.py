@@ -10,16 +10,15 @@ import numpy as np
 import pytest
 
 from lfpipe.capture import stage
-from lfpipe.capture.frame_source import Frame, SourceInfo
-from lfpipe.capture.reconnecting_camera import CameraLost
+from lfpipe.capture.open_source import CameraLost
+from lfpipe.capture.recordings import Frame, SourceInfo
 from lfpipe.capture.stage import COVERED_NS, IDLE_NS, LATE_PERIODS, CaptureStage, run
 from lfpipe.config import Camera, SessionOptions
-from lfpipe.config.modes import CameraViewer
-from lfpipe.files.decoding import BrokenFrame
+from lfpipe.config.session_options import CameraViewer
+from lfpipe.files.codecs import BrokenFrame
 from lfpipe.sequence.recorder import Recordable
 from lfpipe.transport import ring
-from lfpipe.transport.clock import MS_NS, SECOND_NS
-from lfpipe.transport.ring import Stamp, StampKind
+from lfpipe.transport.ring import MS_NS, SECOND_NS, Stamp, StampKind
 from lfpipe.transport.status import State
 from tests.support.recorded import Recorded, recorded
 

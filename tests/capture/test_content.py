@@ -13,7 +13,7 @@ from lfpipe.capture.camera_list import (
     ranked,
 )
 from lfpipe.capture.stage import COVERED_NS, flat_since
-from lfpipe.transport.clock import SECOND_NS
+from lfpipe.transport.ring import SECOND_NS
 
 FRAME_NS = SECOND_NS // 30
 RNG = np.random.default_rng(1)

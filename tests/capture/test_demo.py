@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from lfpipe import config
-from lfpipe.capture.demo import DemoSource
-from lfpipe.capture.frame_source import orient
+from lfpipe.capture.recordings import DemoSource, orient
 
 
 @pytest.mark.parametrize(("rotate", "mirror"), [(90, False), (180, True), (270, False), (0, True)])

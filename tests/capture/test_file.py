@@ -13,7 +13,7 @@ from lfpipe import config
 from lfpipe.capture.open_source import check_source, clock_of, open_source
 from lfpipe.capture.recordings import FileSource
 from lfpipe.capture.spec import FileSpec
-from lfpipe.config.modes import CameraViewer, Live, Lossless
+from lfpipe.config.session_options import CameraViewer, Live, Lossless
 from tests.capture.made_files import CAMERA, SHAPE, SIZE, flat, jpeg, seen, video
 
 

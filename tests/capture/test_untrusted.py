@@ -18,7 +18,7 @@ from lfpipe.capture.open_source import check_source, open_source
 from lfpipe.capture.recordings import MAX_BROKEN, FileSource
 from lfpipe.capture.spec import CameraSpec, FileSpec
 from lfpipe.errors import UserError
-from lfpipe.files.decoding import BrokenFrame
+from lfpipe.files.codecs import BrokenFrame
 from tests.capture.made_files import CAMERA, SHAPE, noise, video
 from tests.support.hostile_files import NO_FILES, ended
 

@@ -14,7 +14,7 @@ from tests.support.world import write_package
 
 MODULE = """
 import click
-from lfpipe.cli.plugged import AddedCommand, AddedOption
+from lfpipe.cli.terminal import AddedCommand, AddedOption
 
 COMMAND = AddedCommand("Do more.", "parts:more")
 OPTION = AddedOption((click.Option(["--twice"], is_flag=True),), "parts:twice")

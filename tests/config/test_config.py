@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 from lfpipe import config
 from lfpipe.cli import cli
 from lfpipe.config import Config, converter
-from lfpipe.config.check import flat
-from lfpipe.config.user_files import commented
+from lfpipe.config.check import commented, flat
 from lfpipe.errors import UserError
 from tests.support.examples import examples
 from tests.support.hostile_files import NO_FILES, TOML_TEXTS, VALUES, ended

@@ -7,7 +7,6 @@ import attrs
 import pytest
 
 from lfpipe.config import Config, DrawingCosts, Render, SessionOptions, converter
-from lfpipe.config.modes import NoViewer
 from lfpipe.config.quality import (
     METHODS,
     SIZES,
@@ -19,6 +18,7 @@ from lfpipe.config.quality import (
     quality_levels,
     tracked_every,
 )
+from lfpipe.config.session_options import NoViewer
 from tests.supervisor.states import SCENE
 
 # of a scene of 512x512 px, and of the machine that the figures are from

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lfpipe.files.video_writer import VideoWriter
+from lfpipe.files.codecs import VideoWriter
 from lfpipe.render.display.display import DisplayNotice
 from lfpipe.render.display.file_display import CHECK_FRAMES, FileDisplay
 
@@ -80,7 +80,7 @@ def test_video_writer_killed_leaves_an_mp4_that_plays(tmp_path: Path) -> None:
         import os, sys
         from pathlib import Path
         import numpy as np
-        from lfpipe.files.video_writer import IN_FRAGMENTS, VideoWriter
+        from lfpipe.files.codecs import IN_FRAGMENTS, VideoWriter
         writer = VideoWriter(Path(sys.argv[1]), (64, 48), 30.0, IN_FRAGMENTS)
         for number in range(400):
             writer.write(np.full((48, 64, 3), number % 256, np.uint8))

@@ -17,8 +17,7 @@ import numpy as np
 from lfpipe import config
 from lfpipe.capture import camera as driver
 from lfpipe.capture import stage
-from lfpipe.capture.demo import DemoSource
-from lfpipe.capture.frame_source import SourceInfo
+from lfpipe.capture.recordings import DemoSource, SourceInfo
 from lfpipe.capture.v4l2_device import ControlRange, FrameSizes, Mode, RawFrame, V4L2Device
 from lfpipe.host.worker import serve
 from lfpipe.supervisor import process_table
@@ -143,7 +142,7 @@ if __name__ == "__main__":
         else each
         for each in process_table.STAGES
     )
-    from lfpipe.cli import launch, run
+    from lfpipe.cli import run, up
 
-    launch.PREPARER = "tests.faults.scripted_camera"
+    up.PREPARER = "tests.faults.scripted_camera"
     run()

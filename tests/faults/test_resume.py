@@ -9,7 +9,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from lfpipe.transport.clock import SLEPT_NS, SleepWatch
+from lfpipe.transport.ring import SLEPT_NS, SleepWatch
 from tests.support.world import World
 from tests.support.xvfb_screen import x_server
 

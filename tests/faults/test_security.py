@@ -14,7 +14,7 @@ import pytest
 from lfpipe.errors import UserError
 from lfpipe.sequence.folder import open_sequence
 from lfpipe.supervisor import rundir
-from lfpipe.transport.session import Session
+from lfpipe.transport.control import Session
 from tests.support.refusal import refusal
 from tests.support.world import World
 

@@ -61,8 +61,8 @@ from lfpipe import config
 from lfpipe.supervisor import rundir
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.supervisor.session_state import SessionStore
-from lfpipe.host.segment import Segment
-from lfpipe.transport.session import Session
+from lfpipe.host.files import Segment
+from lfpipe.transport.control import Session
 session = Session(sys.argv[1])
 for _ in range(12):
     rundir.sweep()

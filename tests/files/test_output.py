@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from lfpipe.errors import UserError
-from lfpipe.files.output import check_output
-from lfpipe.files.trace import TraceFile
+from lfpipe.files.safe_files import check_output
+from lfpipe.files.untrusted import TraceFile
 from tests.support.processes import largest_file
 
 

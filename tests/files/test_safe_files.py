@@ -11,7 +11,7 @@ from lfpipe.capture.recordings import open_recording
 from lfpipe.config.check import load
 from lfpipe.errors import UserError
 from lfpipe.files import safe_files
-from lfpipe.replays.report import read_report
+from lfpipe.replays.run import read_report
 from lfpipe.scene.layouts import describe
 from lfpipe.sequence.folder import open_sequence
 from tests.scene import made

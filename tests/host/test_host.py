@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.host import file_lock, machine, worker
+from lfpipe.host import files, machine, worker
 from lfpipe.host.worker import Worker
 from lfpipe.transport import ring
 from tests.support.processes import printed
@@ -25,20 +25,20 @@ from tests.support.refusal import refusal
 
 def test_a_lock_ends_with_its_process_and_follows_no_link(tmp_path: Path) -> None:
     path = tmp_path / "lock"
-    code = "import sys, os; from pathlib import Path; from lfpipe.host.file_lock import take; "
-    code += "print(take(Path(sys.argv[1])) is not None, flush=True); os._exit(0)"
+    code = "import sys, os; from pathlib import Path; from lfpipe.host.files import lock_file; "
+    code += "print(lock_file(Path(sys.argv[1])) is not None, flush=True); os._exit(0)"
 
     def taken_elsewhere() -> bool:
         return printed(sys.executable, "-c", code, path) == "True\n"
 
-    assert taken_elsewhere() and not file_lock.is_held(path), "the dead hold nothing"
-    lock = file_lock.take(path)
-    assert lock is not None and file_lock.is_held(path) and lock.in_place()
+    assert taken_elsewhere() and not files.is_held(path), "the dead hold nothing"
+    lock = files.lock_file(path)
+    assert lock is not None and files.is_held(path) and lock.in_place()
     assert not taken_elsewhere()
     lock.release()
     (tmp_path / "link").symlink_to(path)
     with pytest.raises(OSError):
-        file_lock.take(tmp_path / "link")
+        files.lock_file(tmp_path / "link")
 
 
 @pytest.fixture(autouse=True)

@@ -3,7 +3,7 @@
 import pytest
 
 from lfpipe.host.presentation import Presented, VblankAnswers
-from lfpipe.transport.clock import MS_NS
+from lfpipe.transport.ring import MS_NS
 
 PERIOD_NS = 16 * MS_NS
 THIRD, FOURTH = 3 * PERIOD_NS, 4 * PERIOD_NS  # the times of vblanks

@@ -11,10 +11,10 @@ import attrs
 import numpy as np
 
 import lfpipe
-from lfpipe.capture.live_source import RingSource, check_devices, check_live
+from lfpipe.capture.open_source import RingSource, check_devices, check_live
 from lfpipe.config import Config
 from lfpipe.errors import UserError
-from lfpipe.live.shared_scene import directory_of, scene_dtype, scene_of
+from lfpipe.live.records import directory_of, scene_dtype, scene_of
 from lfpipe.supervisor import rundir
 from lfpipe.transport import ring
 from lfpipe.transport.ring import DESCRIPTION, RingSpec

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from lfpipe.capture.live_source import check_live
+from lfpipe.capture.open_source import check_live
 from lfpipe.cli import cli
 from lfpipe.config import Config
-from lfpipe.config.user_files import camera_file, with_measured_focal, write_keys
+from lfpipe.config.check import camera_file, with_measured_focal, write_keys
 from tests.live import made
 from tests.render import rendered
 from tests.support.films import write_film

@@ -5,9 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.live.colours import Colours, matched
-from lfpipe.live.estimator import Estimator
-from lfpipe.live.field import LiveViews
+from lfpipe.live.field import Colours, Estimator, LiveViews, matched
 from lfpipe.live.records import UNCHANGED
 from tests.live import made
 from tests.render import rendered

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from lfpipe.live.alignment import aligned
-from lfpipe.live.estimator import Estimator
+from lfpipe.live.field import Estimator, aligned
 from lfpipe.live.records import MAX_VIEWS, cut, map_size, pairs_in_need, views_of
 from lfpipe.render.synthesis.viewpoint import view_weights
 from lfpipe.scene.lightfield import LightField

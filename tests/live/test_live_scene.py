@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 
 import lfpipe
-from lfpipe.capture.frame_source import Frame, SourceInfo
-from lfpipe.capture.live_source import RingSource, RowSource, check_live
+from lfpipe.capture.open_source import RingSource, RowSource, check_live
+from lfpipe.capture.recordings import Frame, SourceInfo
 from lfpipe.capture.spec import is_live
 from lfpipe.config import Config
 from lfpipe.errors import UserError
-from lfpipe.live.records import VIEWPOINTS, cut
-from lfpipe.live.shared_scene import Program, scene_of
+from lfpipe.live.records import VIEWPOINTS, Program, cut, scene_of
 from lfpipe.transport import ring
 from lfpipe.transport.ring import Stamp
 from tests.live.made import maps_of

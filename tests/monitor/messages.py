@@ -1,8 +1,8 @@
 """Refusals of monitors, and timelines."""
 
+from lfpipe.monitor.monitor import convert
 from lfpipe.monitor.session_reader import Watch
-from lfpipe.monitor.timeline import convert
-from lfpipe.transport.session import Session
+from lfpipe.transport.control import Session
 from tests.test_messages import Cause
 
 MESSAGES: dict[str, tuple[Cause, str]] = {

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.config.user_files import write_keys
+from lfpipe.config.check import write_keys
 from lfpipe.errors import UserError
 from lfpipe.render.ui.pages import (
     MEASURED_FRAMES,

@@ -24,8 +24,7 @@ from lfpipe.monitor.session_reader import Watch
 from lfpipe.supervisor.metrics import SessionMetrics, session_metrics
 from lfpipe.supervisor.process_table import CORE, METRICS, SOURCE
 from lfpipe.supervisor.rundir import find
-from lfpipe.transport.metrics import Histogram
-from lfpipe.transport.status import ROW, SESSION, Row, State
+from lfpipe.transport.status import ROW, SESSION, Histogram, Row, State
 from tests.support.world import World
 
 ESCAPES = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.errors import UserError
-from lfpipe.monitor.timeline import TRACKS, convert, events
+from lfpipe.monitor.monitor import TRACKS, convert, events
 from tests.support.refusal import refusal
 
 

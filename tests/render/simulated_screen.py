@@ -11,7 +11,7 @@ import numpy as np
 from lfpipe.bench.simulator.camera import T0_NS
 from lfpipe.host.presentation import Presented
 from lfpipe.render.display.refresh import ScreenRefresh
-from lfpipe.transport.clock import MS_NS, SECOND_NS
+from lfpipe.transport.ring import MS_NS, SECOND_NS
 
 WAKE_MS, LATE_WAKE_MS = 0.1, 5.0  # mean lateness of wake-ups
 SETTLED_S = 5.0

@@ -9,11 +9,10 @@ from typing import Any
 
 import pytest
 
-from lfpipe.config.user_files import write_keys
+from lfpipe.config.check import write_keys
 from lfpipe.render.ui.scenes import Content, list_folder
 from lfpipe.render.ui.settings import Files
-from lfpipe.scene.demo import demo_scene
-from lfpipe.scene.recent_scenes import remember_scene
+from lfpipe.scene.pack import demo_scene, remember_scene
 from tests.support.refusal import refusal
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from lfpipe.config import SessionOptions
-from lfpipe.config.modes import Lossless, ReplayOutput
+from lfpipe.config.session_options import Lossless, ReplayOutput
 from lfpipe.errors import UserError
 from lfpipe.eyes import SHOWN
 from lfpipe.render.display.display import Display
@@ -25,9 +25,8 @@ from lfpipe.render.metrics import METRICS
 from lfpipe.render.presenter import REPLACED, DisplayTime, Presentation
 from lfpipe.render.stage import RenderStage
 from lfpipe.transport import ring
-from lfpipe.transport.metrics import summary_ms
 from lfpipe.transport.ring import RingSpec
-from lfpipe.transport.status import ROW, Row
+from lfpipe.transport.status import ROW, Row, summary_ms
 from tests.contracts import contract
 from tests.render.rendered import S, presentation, viewer
 from tests.support.processes import largest_file

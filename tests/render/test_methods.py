@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lfpipe.render.synthesis.scoring import scores
-from lfpipe.scene.classification import best_method
+from lfpipe.scene.analysis import best_method
 from lfpipe.scene.lightfield import LightField
 from tests.render import rendered
 from tests.render.rendered import METHODS

@@ -16,7 +16,7 @@ from lfpipe.render.ui.pages import glasses_test
 from lfpipe.render.ui.scenes import OPEN
 from lfpipe.render.ui.settings import RecordingIndicator
 from lfpipe.sequence.folder import MANIFEST
-from lfpipe.transport.clock import SECOND_NS, now_ns
+from lfpipe.transport.ring import SECOND_NS, now_ns
 
 
 def texts(notices: Notices) -> list[str]:

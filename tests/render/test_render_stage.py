@@ -15,14 +15,14 @@ import cv2
 import pytest
 
 from lfpipe.config import Scene, SceneSummary, SessionOptions
-from lfpipe.config.modes import CameraViewer, Lossless, MouseViewer
+from lfpipe.config.session_options import CameraViewer, Lossless, MouseViewer
 from lfpipe.errors import UserError
 from lfpipe.eyes import EyesRecord
 from lfpipe.render import stage
 from lfpipe.scene.pack import summarize
 from lfpipe.scene.packing import pack_scene
 from lfpipe.transport import control, ring
-from lfpipe.transport.clock import MS_NS, now_ns
+from lfpipe.transport.ring import MS_NS, now_ns
 from lfpipe.transport.status import State
 from tests.support.recorded import Recorded, recorded
 from tests.support.world import write_scene

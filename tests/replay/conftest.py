@@ -11,9 +11,15 @@ import cv2
 import numpy as np
 import pytest
 
-from lfpipe.capture.demo import EYE_DISTANCE_PX, FRAME_PX, PORTRAIT_EYES_PX, backdrop, demo_eyes_px
-from lfpipe.sequence.eyes import TRUTH
+from lfpipe.capture.recordings import (
+    EYE_DISTANCE_PX,
+    FRAME_PX,
+    PORTRAIT_EYES_PX,
+    backdrop,
+    demo_eyes_px,
+)
 from lfpipe.sequence.folder import new_sequence
+from lfpipe.sequence.packets import TRUTH
 from lfpipe.track.network import portable_warp
 
 SIZE = (320, 240)

@@ -21,8 +21,15 @@ from lfpipe.render import listeners
 from lfpipe.render.listeners import PICTURES, ReplayWriter
 from lfpipe.render.presenter import TrackedEyes
 from lfpipe.replays.compare import compare
-from lfpipe.replays.report import REPORT, TRACE, about_scene, digests, read_trace
-from lfpipe.replays.run import clear_out, update_reference
+from lfpipe.replays.run import (
+    REPORT,
+    TRACE,
+    about_scene,
+    clear_out,
+    digests,
+    read_trace,
+    update_reference,
+)
 from lfpipe.sequence.packets import PACKETS, PacketWriter, decoded, encoded, read_index
 from lfpipe.transport.ring import Stamp
 from tests.render import rendered

@@ -13,7 +13,7 @@ from lfpipe import cli
 from lfpipe.errors import UserError
 from lfpipe.replays import run
 from lfpipe.replays.compare import Difference, cases_of
-from lfpipe.replays.report import write_junit
+from lfpipe.replays.run import write_junit
 from tests.support import hostile_sequences
 from tests.support.world import World
 

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from lfpipe import config
-from lfpipe.config.modes import CameraViewer
+from lfpipe.config.session_options import CameraViewer
 from lfpipe.sequence import recorder
 from lfpipe.sequence.folder import open_sequence
 from lfpipe.sequence.packets import encoded
 from lfpipe.sequence.recorder import Recordable, Recording
+from lfpipe.transport.control import Session
 from lfpipe.transport.ring import Reader
-from lfpipe.transport.session import Session
 from tests.replay.test_record import frames
 from tests.support.world import LARGE, World
 

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from lfpipe.replays.report import Line, pair, read_trace
+from lfpipe.replays.run import Line, pair, read_trace
 from tests.support.world import World
 
 ROOT = Path(__file__).parents[2]

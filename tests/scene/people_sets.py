@@ -15,9 +15,9 @@ import numpy as np
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene import files as scene_files
 from lfpipe.scene.analysis import analyse_scene
 from lfpipe.scene.lightfield import HARDLY_FIT
+from lfpipe.scene.source import MAX_FILES
 from tests.scene import heic, made
 from tests.scene.test_pictures import jpeg, two_streams
 from tests.scene.writers import (
@@ -321,7 +321,7 @@ def without_views(folder: Path) -> Path:
 
 
 def too_many_files(folder: Path) -> Path:
-    for number in range(scene_files.MAX_FILES + 1):
+    for number in range(MAX_FILES + 1):
         (folder / f"v_{number}.png").touch()
     return folder
 

@@ -9,11 +9,11 @@ import pytest
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene import layouts
-from lfpipe.scene.demo import NAMES, VERSION, demo_scene
 from lfpipe.scene.demo_scenes import OFFSET_PX
+from lfpipe.scene.pack import DEMO_VERSION, DEMOS, demo_scene
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", DEMOS)
 def test_every_view_follows_from_the_middle_one_by_its_disparity(tmp_path: Path, name: str) -> None:
     """Warped along the true disparity the middle view is the other view, wherever it sees the same;
     unwarped it is not.
@@ -45,7 +45,7 @@ def test_every_view_follows_from_the_middle_one_by_its_disparity(tmp_path: Path,
 
 
 def test_a_cache_that_cannot_be_written_is_the_users_to_fix(tmp_path: Path) -> None:
-    (tmp_path / f"demo-{VERSION}").write_text("in the way")
+    (tmp_path / f"demo-{DEMO_VERSION}").write_text("in the way")
     with pytest.raises(UserError, match="demo scene") as refused:
         demo_scene(tmp_path)
     assert "scene.cache_dir" in refused.value.remedy

@@ -6,9 +6,8 @@ import pytest
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene.analysis import analyse_scene, checked_source
-from lfpipe.scene.cache import packed
-from lfpipe.scene.description import FILE, describe_folder
+from lfpipe.scene.analysis import FILE, analyse_scene, checked_source, describe_folder
+from lfpipe.scene.pack import packed
 from lfpipe.scene.packing import pack_scene
 from tests.scene import made
 from tests.support.refusal import refusal

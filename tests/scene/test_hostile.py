@@ -26,7 +26,7 @@ import scipy.io
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.host.limits import MemoryLimit
+from lfpipe.host.files import MemoryLimit
 from lfpipe.scene import layouts
 from lfpipe.scene.analysis import analyse_scene
 from lfpipe.scene.packer import MEMORY_BYTES

@@ -12,10 +12,10 @@ from lfpipe import config
 from lfpipe.config import Render
 from lfpipe.config.tree import Decision, Method
 from lfpipe.render.synthesis.compositor import Compositor
-from lfpipe.scene import inverted_depth
-from lfpipe.scene.info import facts
+from lfpipe.scene import lightfield
 from lfpipe.scene.lightfield import LightField
-from lfpipe.scene.occlusion import hides
+from lfpipe.scene.orientation import hides
+from lfpipe.scene.packer import facts
 from lfpipe.scene.packing import pack_scene
 from tests.scene import made
 
@@ -98,10 +98,10 @@ def test_the_choice_is_remembered_for_the_scene_and_the_setting_wins(
 
     field = pack_scene(scene, scene_config)
     plain = field.depth_inverted
-    inverted_depth.remember(field, "asked")
+    lightfield.remember(field, "asked")
     assert turned() == plain, "a question is no answer"
     for word in ("yes", "no"):
-        inverted_depth.remember(field, word)
+        lightfield.remember(field, word)
         assert turned() == (word == "yes") and turned("yes") and not turned("no")
         again = pack_scene(scene, scene_config)
         flips = facts(again.manifest, again.folder)["flips"]
@@ -110,7 +110,7 @@ def test_the_choice_is_remembered_for_the_scene_and_the_setting_wins(
         "nothing is packed again"
     )
     for content in (b"perhaps", b"\xff\xfe", b"x" * 100):
-        next(inverted_depth.folder().iterdir()).write_bytes(content)
+        next(lightfield.folder().iterdir()).write_bytes(content)
         assert turned() == plain
 
 

@@ -13,11 +13,10 @@ import scipy.io
 
 from lfpipe import config
 from lfpipe.scene import layouts
-from lfpipe.scene.files import read_pfm
+from lfpipe.scene.layouts._grid import Tiling
 from lfpipe.scene.layouts._likeness import find_tiles
-from lfpipe.scene.layouts._tiles import Tiling
 from lfpipe.scene.orientation import orient
-from lfpipe.scene.source import SceneSource
+from lfpipe.scene.source import SceneSource, read_pfm
 from tests.scene import made
 from tests.scene.writers import (
     HCI,

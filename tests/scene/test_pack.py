@@ -17,9 +17,17 @@ import pytest
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.render.synthesis.scoring import scores
-from lfpipe.scene import cache
 from lfpipe.scene.lightfield import LightField
-from lfpipe.scene.pack import DamagedPackError, open_pack, read_manifest, write_manifest
+from lfpipe.scene.pack import (
+    DamagedPackError,
+    open_pack,
+    packed,
+    packs,
+    read_manifest,
+    remove,
+    sweep,
+    write_manifest,
+)
 from lfpipe.scene.packing import pack_scene
 from tests.scene import made
 from tests.scene.people_sets import far_pair
@@ -60,7 +68,7 @@ def test_a_pack_holds_the_views_planar_and_the_disparity_and_is_made_once(
         seen.clear()
         return pack_scene(folder, scene_config, scores, lambda *report: seen.append(report))
 
-    assert cache.packed(folder, scene_config) is None
+    assert packed(folder, scene_config) is None
     field = pack()
     assert np.array_equal(pictures(field), made.views(3, 3)) and not field.views.flags.writeable
     assert field.disparity is not None and field.disparity.shape == (1, 3, 3, 48, 64)
@@ -227,20 +235,20 @@ def test_what_cannot_be_finished_leaves_nothing(folder: Path, scene_config: conf
     (folder / "input_Cam008.png").write_bytes(data[:2000] + bytes(100) + data[2100:])
     with pytest.raises(UserError, match=r"input_Cam008\.png.*truncated"):
         pack_scene(folder, scene_config)
-    assert left_over(scene_config) == [] and cache.packs(scene_config) == []
-    assert cache.packed(folder, scene_config) is None
+    assert left_over(scene_config) == [] and packs(scene_config) == []
+    assert packed(folder, scene_config) is None
 
 
 def test_a_pack_in_use_stays_until_nobody_has_it_open(
     folder: Path, scene_config: config.Scene
 ) -> None:
     pack_scene(folder, scene_config)
-    found = cache.packs(scene_config)[0].folder
+    found = packs(scene_config)[0].folder
     field = open_pack(found)
-    assert not cache.remove(found) and open_pack(found).rows == 3
+    assert not remove(found) and open_pack(found).rows == 3
     del field
-    assert cache.remove(found) and cache.packs(scene_config) == []
-    assert cache.sweep(scene_config) == 0
+    assert remove(found) and packs(scene_config) == []
+    assert sweep(scene_config) == 0
     with pytest.raises(DamagedPackError, match="not a usable pack"):
         open_pack(found)
 
@@ -274,6 +282,6 @@ def test_only_packs_are_removed(tmp_path: Path, scene_config: config.Scene) -> N
     (pack.with_name("notes")).mkdir()
     (pack.with_name("2" * 24)).symlink_to(mine)
     (pack.parents[1] / "notes.txt").write_text("mine")
-    assert cache.sweep(scene_config) == 1, "the damaged pack"
+    assert sweep(scene_config) == 1, "the damaged pack"
     assert sorted(path.name for path in pack.parent.iterdir()) == ["2" * 24, "notes"]
     assert (pack.parents[1] / "notes.txt").exists() and len(list(mine.iterdir())) == 4

@@ -16,7 +16,6 @@ from PIL import Image
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene import cache
 from lfpipe.scene.open_scene import (
     PackerRequest,
     Packing,
@@ -25,6 +24,7 @@ from lfpipe.scene.open_scene import (
     open_scene,
     pack_until_shown,
 )
+from lfpipe.scene.pack import packed, packs
 from tests.scene import made
 from tests.support.world import runs, until
 
@@ -39,7 +39,7 @@ def test_a_scene_is_packed_by_a_child_once_and_its_facts_need_no_pack(
     folder: Path, scene_config: config.Scene
 ) -> None:
     manifest = ask_manifest(folder, scene_config)
-    assert (manifest.rows, manifest.cols, manifest.key) == (3, 3, "") and cache.packed(
+    assert (manifest.rows, manifest.cols, manifest.key) == (3, 3, "") and packed(
         folder, scene_config
     ) is None
     steps: list[str] = []
@@ -97,7 +97,7 @@ def test_a_killed_packer_leaves_a_pack_that_the_next_completes(
         packing.wait()
         with pytest.raises(UserError, match="signal 9"):
             packing.result()
-    unfinished = cache.packed(folder, scene_config)
+    unfinished = packed(folder, scene_config)
     assert unfinished is not None and not unfinished.complete
     found = unfinished.folder
     del unfinished
@@ -127,16 +127,16 @@ except UserError as error:
 """
 
 
-@pytest.mark.parametrize(("during", "packs"), [("views", 0), ("disparity", 1)])
+@pytest.mark.parametrize(("during", "count"), [("views", 0), ("disparity", 1)])
 def test_a_full_disk_is_a_refusal_and_never_a_whole_pack(
-    folder: Path, scene_config: config.Scene, during: str, packs: int
+    folder: Path, scene_config: config.Scene, during: str, count: int
 ) -> None:
     command = [sys.executable, "-c", FULL, str(folder), scene_config.cache_dir, "5000", during]
     run = subprocess.run(command, capture_output=True, text=True, check=False)
     assert run.stderr.startswith("refused:") and "scene.cache_dir" in run.stderr, run.stderr
-    assert [pack.manifest and pack.manifest.complete for pack in cache.packs(scene_config)] == [
+    assert [pack.manifest and pack.manifest.complete for pack in packs(scene_config)] == [
         False
-    ] * packs
+    ] * count
     assert open_scene(folder, scene_config).complete
 
 

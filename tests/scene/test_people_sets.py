@@ -9,7 +9,7 @@ import pytest
 
 from lfpipe import config
 from lfpipe.config import options
-from lfpipe.scene import files
+from lfpipe.scene import source as scene_source
 from lfpipe.scene.analysis import analyse_scene
 from tests.scene.people_sets import SETS, verdict
 
@@ -37,7 +37,7 @@ def test_a_set_that_people_have_is_read_as_what_it_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     """Or it is refused, and the remedy opens it when it is typed or carried out."""
-    monkeypatch.setattr(files, "MAX_FILES", 300)  # enough for each of them but one
+    monkeypatch.setattr(scene_source, "MAX_FILES", 300)  # enough for each of them but one
     case = CASES[name]
     (tmp_path / "given").mkdir()
     path = case.make(tmp_path / "given")

@@ -14,10 +14,10 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene import layouts, video
 from lfpipe.scene.analysis import analyse_scene
-from lfpipe.scene.layouts import stereo
-from lfpipe.scene.missing_views import warped_disparity, warped_view
+from lfpipe.scene.layouts import single
 from lfpipe.scene.orientation import orient
 from lfpipe.scene.packer import playlist
+from lfpipe.scene.packing import warped_disparity, warped_view
 from tests.scene import heic, made
 from tests.scene.writers import Make, files, film, one, together
 from tests.support.depth_photos import dynamic_depth, gdepth
@@ -200,8 +200,8 @@ def test_two_streams_are_a_pair_or_named(
         for col, eye in enumerate((LEFT, RIGHT)):
             assert np.abs(source.read(1, 0, col).astype(int) - eye).mean() < 8
         monkeypatch.setattr(video, "find_spec", lambda name: None)
-        monkeypatch.setattr(stereo, "find_spec", lambda name: None)
-        stereo._arrangement.cache_clear()
+        monkeypatch.setattr(single, "find_spec", lambda name: None)
+        single._arrangement.cache_clear()
     with pytest.raises(UserError, match="the second video stream") as caught:
         layouts.describe(path, AUTO)
     assert ("another package" in caught.value.message) == pair

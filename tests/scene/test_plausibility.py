@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from lfpipe import config
-from lfpipe.scene.analysis import analyse_scene
+from lfpipe.scene.analysis import analyse_scene, plausible
 from lfpipe.scene.lightfield import HARDLY_FIT
-from lfpipe.scene.plausibility import plausible
 from tests.scene import made
 from tests.scene.made import as_source
 

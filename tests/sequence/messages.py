@@ -4,10 +4,8 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-from lfpipe.sequence import edit
-from lfpipe.sequence.eyes import TRUTH, eyes_of, read_truth
-from lfpipe.sequence.folder import MANIFEST, open_sequence
-from lfpipe.sequence.packets import INDEX, PACKETS
+from lfpipe.sequence.folder import MANIFEST, cut, open_sequence
+from lfpipe.sequence.packets import INDEX, PACKETS, TRUTH, eyes_of, read_truth
 from tests.support.hostile_sequences import made_sequence, typed
 
 
@@ -128,11 +126,11 @@ MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
         f"/here/truth.csv:3: times must rise: t_ns is 5, after 5 … {TABLE}",
     ),
     "cut of nothing": (
-        lambda here: edit.cut(open_sequence(made_sequence(here / "seq")), here / "part", 9, 10),
+        lambda here: cut(open_sequence(made_sequence(here / "seq")), here / "part", 9, 10),
         "/here/seq: has no frame from 9 s to 10 s … use times up to 0.167 s",
     ),
     "cut to what exists": (
-        lambda here: edit.cut(open_sequence(made_sequence(here / "seq")), here / "seq", 0, 1),
+        lambda here: cut(open_sequence(made_sequence(here / "seq")), here / "seq", 0, 1),
         "/here/seq: already exists … another name",
     ),
     "import of text": (

@@ -23,12 +23,10 @@ from hypothesis import strategies as st
 from lfpipe import config
 from lfpipe.capture.open_source import check_source, open_source
 from lfpipe.errors import UserError
-from lfpipe.replays.report import about_sequence
-from lfpipe.replays.run import replay_config
-from lfpipe.sequence import edit
-from lfpipe.sequence.eyes import TRUTH, read_truth
+from lfpipe.replays.run import about_sequence, replay_config
+from lfpipe.sequence import folder as sequences
 from lfpipe.sequence.folder import MANIFEST, open_sequence
-from lfpipe.sequence.packets import INDEX, PACKETS
+from lfpipe.sequence.packets import INDEX, PACKETS, TRUTH, read_truth
 from tests.support import hostile_files, hostile_sequences
 from tests.support.examples import examples
 from tests.support.films import write_film
@@ -61,7 +59,7 @@ def scored(folder: Path, out: Path) -> None:
 
 
 def cut(folder: Path, out: Path) -> None:
-    edit.cut(open_sequence(folder, verify=False), out, 0.03, 0.15)
+    sequences.cut(open_sequence(folder, verify=False), out, 0.03, 0.15)
     open_sequence(out)
 
 
@@ -259,7 +257,7 @@ def test_a_table_has_no_more_rows_than_a_sequence_may_have_frames(
     whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert read_truth(whole) is not None
-    monkeypatch.setattr("lfpipe.sequence.eyes.MAX_PACKETS", 5)
+    monkeypatch.setattr("lfpipe.sequence.packets.MAX_PACKETS", 5)
     assert "more than 5 rows" in str(refusal(read_truth, whole))
 
 
@@ -292,7 +290,7 @@ def lossless_video(path: Path, folder: Path) -> Path:
 
 def test_what_shows_a_person_is_for_its_owner_alone(whole: Path, tmp_path: Path) -> None:
     with open_umask():
-        edit.cut(open_sequence(whole), tmp_path / "cut", 0.0, 1.0)
+        sequences.cut(open_sequence(whole), tmp_path / "cut", 0.0, 1.0)
         lossless_video(tmp_path / "video.mkv", whole).chmod(0o600)
         typed("import", tmp_path / "video.mkv", tmp_path / "back", "--truth", whole / TRUTH)
     assert (tmp_path / "back" / TRUTH).read_bytes() == (whole / TRUTH).read_bytes()

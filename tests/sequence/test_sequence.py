@@ -14,18 +14,18 @@ from hypothesis import strategies as st
 
 from lfpipe import config
 from lfpipe.capture.open_source import open_source
-from lfpipe.sequence import edit
-from lfpipe.sequence.eyes import Truth, read_truth
-from lfpipe.sequence.folder import MANIFEST, open_sequence
+from lfpipe.sequence.folder import MANIFEST, cut, open_sequence
 from lfpipe.sequence.packets import (
     INDEX,
     PACKETS,
     Packet,
     PacketWriter,
+    Truth,
     decoded,
     encoded,
     read_index,
     read_packet,
+    read_truth,
 )
 from tests.capture.made_files import video
 from tests.support.examples import examples
@@ -102,7 +102,7 @@ def test_a_cut_keeps_packets_stamps_and_truth_and_is_json_for_every_reader(
     whole: Path, tmp_path: Path
 ) -> None:
     sequence = open_sequence(whole)
-    assert edit.cut(sequence, tmp_path / "part", 0.05, float("inf")) == 4
+    assert cut(sequence, tmp_path / "part", 0.05, float("inf")) == 4
     part = open_sequence(tmp_path / "part")
     offset = FRAMES - 4
     for packet in part.packets:

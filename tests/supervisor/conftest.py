@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from lfpipe.transport.session import base_dir
+from lfpipe.transport.control import base_dir
 
 
 @pytest.fixture

@@ -69,7 +69,7 @@ def main() -> int:
     from lfpipe.errors import UserError
     from lfpipe.supervisor import rundir
     from lfpipe.supervisor.session_state import SessionState, SessionStore
-    from lfpipe.transport.session import Session, SessionManifest
+    from lfpipe.transport.control import Session, SessionManifest
 
     try:
         session = Session(sys.argv[1])

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from lfpipe.config.modes import NoViewer
+from lfpipe.config.session_options import NoViewer
 from lfpipe.supervisor import rundir
 from lfpipe.supervisor.requests import respond
-from lfpipe.transport.session import Session
+from lfpipe.transport.control import Session
 from tests.supervisor.states import made_state
 
 NAMES = ("", "..", "a/b", "a\n", "-a", "a b", "a" * 33, "é", "١", "a*", "a\0", "$(id)", "\udcff")

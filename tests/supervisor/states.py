@@ -5,7 +5,7 @@ from typing import Any
 from hypothesis import strategies as st
 
 from lfpipe.config import Config, SceneSummary, SessionOptions, options
-from lfpipe.config.modes import CameraViewer
+from lfpipe.config.session_options import CameraViewer
 from lfpipe.supervisor.requests import commands
 from lfpipe.supervisor.session_state import SessionState
 

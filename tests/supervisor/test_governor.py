@@ -13,7 +13,7 @@ from lfpipe.config import Config, DrawingCosts, Render, SessionOptions
 from lfpipe.supervisor import process_table
 from lfpipe.supervisor.governor import GAP_S, Governor, Load, QualityControl, Step
 from lfpipe.supervisor.session_state import SessionState
-from lfpipe.transport.clock import SECOND_NS
+from lfpipe.transport.ring import SECOND_NS
 from lfpipe.transport.status import ROW, State
 from tests.supervisor.states import SCENE
 from tests.support.examples import examples

@@ -15,7 +15,7 @@ import pytest
 import zmq
 
 from lfpipe.config import Render
-from lfpipe.config.modes import Lossless, MouseViewer
+from lfpipe.config.session_options import Lossless, MouseViewer
 from lfpipe.errors import UserError
 from lfpipe.host import signals
 from lfpipe.supervisor import requests, session, stage_process
@@ -24,10 +24,9 @@ from lfpipe.supervisor.session import IDLE_NS, INTERNAL, LiveSession, Outcome
 from lfpipe.supervisor.session_state import TRIAL_NS
 from lfpipe.supervisor.stage_process import DRAIN_NS, MAX_FAILURES
 from lfpipe.transport import control
-from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
-from lfpipe.transport.metrics import Histogram
-from lfpipe.transport.session import Session
-from lfpipe.transport.status import State
+from lfpipe.transport.control import Session
+from lfpipe.transport.ring import MS_NS, SECOND_NS, now_ns
+from lfpipe.transport.status import Histogram, State
 from tests.supervisor.states import VIEWER, made_state
 from tests.support.world import connected, until
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 
 from lfpipe.config import Config, Scene, updated
-from lfpipe.config.modes import CameraViewer, MouseViewer, NoViewer, Window
+from lfpipe.config.session_options import CameraViewer, MouseViewer, NoViewer, Window
 from lfpipe.errors import UserError
 from lfpipe.scene.open_scene import PackerRequest
 from lfpipe.supervisor.process_table import SCORER

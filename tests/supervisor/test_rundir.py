@@ -12,9 +12,9 @@ from threading import Timer
 import pytest
 import zmq
 
-from lfpipe.host import file_lock
+from lfpipe.host import files
 from lfpipe.supervisor import rundir
-from lfpipe.transport.session import LIVE, PREFIX, Session
+from lfpipe.transport.control import LIVE, PREFIX, Session
 from tests.supervisor.holder import ROOT, Holder, holding
 from tests.support.processes import printed
 from tests.support.refusal import refusal
@@ -39,7 +39,7 @@ def test_lock_notices_a_removed_run_directory(base: Path, name: str) -> None:
 
 
 LOOK = """
-from lfpipe.host import file_lock
+from lfpipe.host import files
 from lfpipe.supervisor import rundir
 import sys
 print(rundir.running(), rundir.find(sys.argv[1]).name)
@@ -79,16 +79,16 @@ def test_a_lock_whose_directory_was_removed_meanwhile_is_taken_again(
     base: Path, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = Session(name).run_dir / "lock"
-    take = file_lock.take
+    take = files.lock_file
     swept = iter([True, False])
 
-    def taken(at: Path) -> file_lock.Lock | None:
+    def taken(at: Path) -> files.Lock | None:
         lock = take(at)
         if next(swept):  # by another process, just before
             shutil.rmtree(at.parent)
         return lock
 
-    monkeypatch.setattr(file_lock, "take", taken)
+    monkeypatch.setattr(rundir, "lock_file", taken)
     lock = rundir.take_lock(path, make=True)
     assert lock is not None and lock.in_place() and path.exists()
     rundir.remove(Session(name).run_dir, lock)

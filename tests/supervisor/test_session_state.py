@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.config import Config, Governor, Render, SessionOptions, Track, converter
-from lfpipe.config.modes import CameraViewer, Lossless, MouseViewer, NoViewer
+from lfpipe.config.session_options import CameraViewer, Lossless, MouseViewer, NoViewer
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport import control
 from tests.supervisor.states import SCENE, VIEWER, made_state

@@ -8,13 +8,12 @@ import pytest
 
 from lfpipe import config
 from lfpipe.config import LiveSource, SceneSummary
-from lfpipe.config.modes import MouseViewer, NoViewer
-from lfpipe.scene import cache
-from lfpipe.scene.pack import summarize
+from lfpipe.config.session_options import MouseViewer, NoViewer
+from lfpipe.scene.pack import remove, summarize
 from lfpipe.scene.packing import pack_scene
 from lfpipe.supervisor.session_state import SessionStore
+from lfpipe.transport.control import Session
 from lfpipe.transport.ring import Reader, Writer
-from lfpipe.transport.session import Session
 from tests.supervisor.states import VIEWER, made_state
 from tests.support.world import write_scene
 
@@ -36,14 +35,14 @@ def test_the_pack_of_a_session_stays_while_no_stage_has_it_open(
     session.run_dir.mkdir(mode=0o700)
     store = SessionStore(session, made_state(scene=first))
     try:
-        assert not cache.remove(Path(first.pack))
+        assert not remove(Path(first.pack))
         store.apply(store.state.loaded(second))
-        assert cache.remove(Path(first.pack)) and not cache.remove(Path(second.pack))
+        assert remove(Path(first.pack)) and not remove(Path(second.pack))
         gone = attrs.evolve(first, pack=str(tmp_path / "gone"))
         store.apply(store.state.loaded(gone))  # the stage that shows it says so
     finally:
         store.close()
-    assert cache.remove(Path(second.pack))
+    assert remove(Path(second.pack))
 
 
 def test_a_leased_ring_has_a_name_of_its_own() -> None:

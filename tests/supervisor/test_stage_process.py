@@ -14,8 +14,8 @@ import pytest
 
 from lfpipe.config import SessionOptions
 from lfpipe.host import signals
-from lfpipe.host.child import Child
-from lfpipe.host.processes import is_stopped
+from lfpipe.host.machine import is_stopped
+from lfpipe.host.worker import Child
 from lfpipe.supervisor import stage_process
 from lfpipe.supervisor.governor import GAP_S
 from lfpipe.supervisor.process_table import Stage
@@ -27,8 +27,8 @@ from lfpipe.supervisor.stage_process import (
     StageProcesses,
     wait_for_end,
 )
-from lfpipe.transport.clock import MS_NS, SECOND_NS
-from lfpipe.transport.session import Session
+from lfpipe.transport.control import Session
+from lfpipe.transport.ring import MS_NS, SECOND_NS
 from lfpipe.transport.status import ROW, State
 from tests.support.refusal import refusal
 from tests.support.world import until

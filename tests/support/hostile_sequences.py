@@ -16,9 +16,8 @@ import cv2
 import numpy as np
 
 from lfpipe.cli import cli
-from lfpipe.sequence.eyes import TRUTH
 from lfpipe.sequence.folder import MANIFEST, SequenceWriter
-from lfpipe.sequence.packets import INDEX, PACKETS, encoded
+from lfpipe.sequence.packets import INDEX, PACKETS, TRUTH, encoded
 from tests.support import hostile_files as hostile
 
 SIZE = (64, 48)

@@ -14,9 +14,8 @@ from lfpipe.config import Config, SessionOptions
 from lfpipe.supervisor.process_table import SOURCE, consumers
 from lfpipe.supervisor.session_state import SessionState, SessionStore
 from lfpipe.transport import control
-from lfpipe.transport.context import Context
-from lfpipe.transport.ring_io import StageSpec
-from lfpipe.transport.session import Session
+from lfpipe.transport.context import Context, StageSpec
+from lfpipe.transport.control import Session
 
 Step = Callable[[], object]
 

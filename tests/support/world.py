@@ -21,9 +21,9 @@ import psutil
 import pytest
 import zmq
 
-from lfpipe.scene import demo
+from lfpipe.scene.pack import DEMOS, demo_scene
 from lfpipe.transport import control
-from lfpipe.transport.session import PREFIX, base_dir
+from lfpipe.transport.control import PREFIX, base_dir
 from tests.support.processes import PATIENCE_S
 
 LARGE = (  # a camera whose frames keep a recorder busy
@@ -160,8 +160,8 @@ class World:
     def make_demos_small(self) -> None:
         """Demo scenes of 96 instead of 768 px, which are packed as quickly as others."""
         cache = self.root / "cache" / "lfpipe"
-        for name in demo.NAMES:
-            small = demo.demo_scene(cache, name, 96)
+        for name in DEMOS:
+            small = demo_scene(cache, name, 96)
             small.rename(small.with_name(name))
 
     def __enter__(self) -> Self:

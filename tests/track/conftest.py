@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lfpipe.capture.demo import PORTRAIT
+from lfpipe.capture.recordings import PORTRAIT
 
 Picture = NDArray[np.uint8]
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from lfpipe.track.mediapipe_engine import MediapipeEngine
+from lfpipe.track.engine import MediapipeEngine
 from lfpipe.track.network import Network, model_file
 from tests.test_messages import Cause
 

@@ -12,14 +12,15 @@ import pytest
 from numpy.typing import NDArray
 
 from lfpipe.config import Track
-from lfpipe.track.detector import (
+from lfpipe.track.engine import Engine, Face, make_engine
+from lfpipe.track.litert_engine import PORTRAIT_PICTURES, LitertEngine, Liveness
+from lfpipe.track.network import (
     Detection,
     FaceSelector,
+    Roi,
+    portable_warp,
+    warp,
 )
-from lfpipe.track.engine import Engine, Face, make_engine
-from lfpipe.track.litert_engine import LitertEngine
-from lfpipe.track.liveness import PORTRAIT_PICTURES, Liveness
-from lfpipe.track.network import Roi, portable_warp, warp
 from tests.track.people import needs_mediapipe
 
 Picture = NDArray[np.uint8]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from lfpipe.config import Config, updated
 from lfpipe.eyes import EYES
-from lfpipe.track.head import MODEL, Head, HeadEstimator
+from lfpipe.track.eye_tracker import MODEL, Head, HeadEstimator
 from tests.support.examples import examples
 
 SIZE = (640, 480)

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from lfpipe.cli import cli
 from lfpipe.errors import UserError
 from lfpipe.track import models
-from lfpipe.track.face_networks import LitertNetworks
+from lfpipe.track.engine import LitertNetworks
 from lfpipe.track.litert_engine import LitertEngine
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from lfpipe.config import QualityLevel, SessionOptions
-from lfpipe.config.modes import CameraViewer
+from lfpipe.config.session_options import CameraViewer
 from lfpipe.eyes import EYES
 from lfpipe.track import eye_tracker, stage
 from lfpipe.track.engine import Face

@@ -8,15 +8,14 @@ import pytest
 import zmq
 
 from lfpipe.config import Config, SessionOptions
-from lfpipe.config.modes import Live, Lossless
-from lfpipe.host.wake import Wake
+from lfpipe.config.session_options import Live, Lossless
+from lfpipe.host.files import Wake
 from lfpipe.supervisor.process_table import SOURCE, consumers
 from lfpipe.supervisor.session_state import SessionState, SessionStore
 from lfpipe.transport import control
-from lfpipe.transport.clock import now_ns
-from lfpipe.transport.context import Context
-from lfpipe.transport.ring_io import RingOutput, StageSpec
-from lfpipe.transport.session import Session
+from lfpipe.transport.context import Context, RingOutput, StageSpec
+from lfpipe.transport.control import Session
+from lfpipe.transport.ring import now_ns
 from lfpipe.transport.status import State
 from tests.support.world import until
 

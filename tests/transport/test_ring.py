@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.eyes import EYES
-from lfpipe.host import segment
+from lfpipe.host.files import SHM_DIR
 from lfpipe.transport import ring
 from lfpipe.transport.ring import Reader, RingSpec, Writer
 from tests.support.examples import examples
@@ -24,7 +24,7 @@ SPAWN = multiprocessing.get_context("spawn")
 @contextlib.contextmanager
 def memory(spec: RingSpec) -> Iterator[Path]:
     """A ring of its own."""
-    path = segment.SHM_DIR / f"lfpipe-test-{secrets.token_hex(8)}.ring"
+    path = SHM_DIR / f"lfpipe-test-{secrets.token_hex(8)}.ring"
     shared = ring.create(path, spec)
     yield path
     shared.close()

@@ -14,28 +14,28 @@ from pathlib import Path
 import pytest
 
 from lfpipe.errors import UserError
-from lfpipe.host import segment
-from lfpipe.host.segment import Segment
+from lfpipe.host import files
+from lfpipe.host.files import Segment
 from tests.support.world import until
 
 
 @pytest.fixture
 def path(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """In memory, of whose size the file can take more than there is."""
-    folder = segment.SHM_DIR / f"lfpipe-test-{time.monotonic_ns()}"
+    folder = files.SHM_DIR / f"lfpipe-test-{time.monotonic_ns()}"
     folder.mkdir()
     yield folder / "x.ring"
     shutil.rmtree(folder)
 
 
 def test_segment_has_its_name_when_it_is_complete(path: Path) -> None:
-    made = segment.create(path, 100)
-    assert not path.exists() and made.size == segment.PAGE
-    segment.publish(made, path)
+    made = files.create_segment(path, 100)
+    assert not path.exists() and made.size == files.PAGE
+    files.publish_segment(made, path)
     assert made.in_place() and stat.S_IMODE(path.stat().st_mode) == 0o600
-    assert path.stat().st_blocks * 512 >= segment.PAGE, "its memory is reserved"
-    second = segment.create(path, 100)
-    segment.publish(second, path)
+    assert path.stat().st_blocks * 512 >= files.PAGE, "its memory is reserved"
+    second = files.create_segment(path, 100)
+    files.publish_segment(second, path)
     made.unlink()
     assert second.in_place(), "the name is that of another one now"
     second.unlink()
@@ -47,7 +47,7 @@ def test_segment_has_its_name_when_it_is_complete(path: Path) -> None:
 def test_segment_create_without_memory_leaves_nothing(path: Path) -> None:
     total = shutil.disk_usage(path.parent).total
     with pytest.raises(UserError, match=r"MB free of .* needs") as error:
-        segment.create(path, total * 2)
+        files.create_segment(path, total * 2)
     sizes = [int(digits) for digits in re.findall(r"size=(\d+)m", error.value.remedy)]
     assert len(sizes) == 2 and min(sizes) > 2 * total >> 20
     assert not list(path.parent.iterdir())
@@ -56,13 +56,13 @@ def test_segment_create_without_memory_leaves_nothing(path: Path) -> None:
 MAKE = """
 import sys
 from pathlib import Path
-from lfpipe.host import segment
+from lfpipe.host import files
 print(flush=True)
 for k in range(10**9):
     path = Path(sys.argv[1]) / f"{k % 20}.ring"
-    made = segment.create(path, 10000)
+    made = files.create_segment(path, 10000)
     made.buf[:1] = b"x"
-    segment.publish(made, path)
+    files.publish_segment(made, path)
     made.close()
 """
 
@@ -82,7 +82,7 @@ def test_segment_of_a_killed_process_is_whole(path: Path) -> None:
         maker.send_signal(signal.SIGKILL)
         maker.communicate(timeout=60)
     found = [Segment(one) for one in path.parent.glob("[0-9]*.ring")]
-    assert all(one.buf[0] == ord("x") and one.size == 3 * segment.PAGE for one in found)
+    assert all(one.buf[0] == ord("x") and one.size == 3 * files.PAGE for one in found)
     for one in found:
         one.close()
 

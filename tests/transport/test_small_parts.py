@@ -10,21 +10,24 @@ import zmq
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.host.segment import WrongSegment
+from lfpipe.host.files import WrongSegment
 from lfpipe.supervisor.process_table import STAGES
 from lfpipe.transport import control, status
-from lfpipe.transport.clock import Ticker
-from lfpipe.transport.metrics import (
+from lfpipe.transport.ring import Ticker
+from lfpipe.transport.status import (
     MAX_HISTOGRAMS,
     MAX_VALUES,
     NO_METRICS,
+    ROW,
     Histogram,
     Kind,
     Metric,
     MetricSet,
+    Row,
+    State,
+    Table,
     summary_ms,
 )
-from lfpipe.transport.status import ROW, Row, State, Table
 from tests.support.refusal import refusal
 
 LAST_MS = ((1 << 32) - (1 << 26)) / 1e3  # of the last bucket, its middle

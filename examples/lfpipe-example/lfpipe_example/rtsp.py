@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.capture.frame_source import Frame, SourceInfo
+from lfpipe.capture.recordings import Frame, SourceInfo
 from lfpipe.capture.spec import SourceKind
 from lfpipe.errors import UserError, redacted
-from lfpipe.files.decoding import fitted
+from lfpipe.files.codecs import fitted
 from lfpipe.rings import StampKind, now_ns
 
 

@@ -1,9 +1,8 @@
 """A layout: three pictures, left.png, middle.png and right.png."""
 
 from lfpipe import config
-from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import files_source
-from lfpipe.scene.source import SceneSource
+from lfpipe.scene.source import Listing, SceneSource
 
 NAME = "trio"
 NAMES = ["left.png", "middle.png", "right.png"]

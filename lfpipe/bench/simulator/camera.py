@@ -10,13 +10,11 @@ from numpy.typing import NDArray
 
 from lfpipe.bench.simulator.scripts import Script
 from lfpipe.capture.camera import SensorClock
-from lfpipe.capture.demo import FRAME_PX
-from lfpipe.track.detector import Box, Detection, overlap
+from lfpipe.capture.recordings import FRAME_PX
 from lfpipe.track.engine import Engine, Face
 from lfpipe.track.litert_engine import LitertEngine
-from lfpipe.track.network import Roi
-from lfpipe.transport.clock import MS_NS
-from lfpipe.transport.ring import StampKind
+from lfpipe.track.network import Box, Detection, Roi, overlap
+from lfpipe.transport.ring import MS_NS, StampKind
 
 NOISE_PX = 0.3  # of live faces at 640x480, whose eyes are 60 px apart: 0.22 to 0.34 px measured
 READ_MS = 5.0  # from a frame's exposure until it is read

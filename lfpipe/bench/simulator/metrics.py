@@ -18,7 +18,7 @@ from lfpipe.render.synthesis.anaglyph import MATRICES, decoded
 from lfpipe.render.synthesis.compositor import Compositor, Key
 from lfpipe.render.viewer.viewer import VIDEO_LEAD, video_frame
 from lfpipe.scene.demo_drawing import Picture
-from lfpipe.transport.clock import MS_NS
+from lfpipe.transport.ring import MS_NS
 
 RIGHT_VIEWS = 0.25  # a picture closer than this to the right viewpoint is right
 RIGHT_MS = 200.0  # if it stays right for this time

@@ -28,8 +28,7 @@ from lfpipe.render.synthesis.viewpoint import limited, pair_clamped
 from lfpipe.render.viewer.geometry import parallax
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.track.eye_tracker import EyeTracker
-from lfpipe.transport.clock import MS_NS
-from lfpipe.transport.ring import Stamp
+from lfpipe.transport.ring import MS_NS, Stamp
 
 EYE_DISTANCES_PX = np.arange(5.0, 301.0)  # at which the right alpha is tabled
 Float = NDArray[np.float64]

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from lfpipe.render.synthesis.viewpoint import Position
 from lfpipe.scene import demo_textures as textures
-from lfpipe.scene.demo import NAME, SIZE_PX
 from lfpipe.scene.demo_drawing import Ball, Picture, Quad, Solid, draw_view
 from lfpipe.scene.demo_scenes import solids_of
 from lfpipe.scene.demo_textures import TEXELS
 from lfpipe.scene.disparity import halved, quantised, scale_for
 from lfpipe.scene.lightfield import LightField
+from lfpipe.scene.pack import DEMO, DEMO_SIZE_PX
 from lfpipe.scene.source import Geometry
 
 SIDE_PX = 224  # of a view
@@ -144,8 +144,8 @@ def scene_of(name: str) -> SimulatedScene:
         return SimulatedScene(name=name, solids=_wide(), rows=3, cols=5, zero_px=6.0, alpha_px=60.0)
     if name == "little texture":
         return SimulatedScene(name=name, solids=_plain(), rows=5, cols=5, zero_px=0.0)
-    share = SIDE_PX / SIZE_PX
-    solids = tuple(scaled(solid, share) for solid in solids_of(NAME))
+    share = SIDE_PX / DEMO_SIZE_PX
+    solids = tuple(scaled(solid, share) for solid in solids_of(DEMO))
     return SimulatedScene(name=name, solids=solids, rows=9, cols=9, zero_px=0.7)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from lfpipe.bench.simulator.camera import T0_NS
 from lfpipe.render.display.refresh import ScreenRefresh
-from lfpipe.transport.clock import MS_NS
+from lfpipe.transport.ring import MS_NS
 
 COST_SPREAD = 0.2  # standard deviation of the logarithm of a picture's cost
 WAKE_MS = 0.1  # lateness of wake-ups on a quiet machine

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.capture.demo import FRAME_PX
+from lfpipe.capture.recordings import FRAME_PX
 from lfpipe.errors import UserError
 from lfpipe.render.viewer.presence import Rest
 

@@ -7,11 +7,10 @@ from pathlib import Path
 
 import click
 
-from lfpipe.cli.plugged import Group
-from lfpipe.cli.terminal import print_error, print_result
+from lfpipe.cli.terminal import Group, print_error, print_result
 from lfpipe.errors import UserError
 from lfpipe.extras.exhibition.kiosk import require_plain
-from lfpipe.files.output import write_output
+from lfpipe.files.safe_files import write_output
 from lfpipe.host.files import exists
 
 TYPES = (

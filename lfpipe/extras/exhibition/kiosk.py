@@ -11,15 +11,13 @@ import click
 
 from lfpipe import config as configuration
 from lfpipe.cli.options import PATH
-from lfpipe.cli.plugged import Group
-from lfpipe.cli.terminal import print_result, say
+from lfpipe.cli.terminal import Group, print_result, say
 from lfpipe.config import user_file
-from lfpipe.config.modes import Window
+from lfpipe.config.session_options import Window
 from lfpipe.errors import UserError, quoted
-from lfpipe.files.output import write_output
-from lfpipe.files.safe_files import read_text, write_file
-from lfpipe.host.child import python
+from lfpipe.files.safe_files import read_text, write_file, write_output
 from lfpipe.host.files import exists
+from lfpipe.host.worker import python
 from lfpipe.render.display.open_display import parse_display
 
 AGAIN_S = 2.0  # pause between a failed session and the next

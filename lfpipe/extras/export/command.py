@@ -7,14 +7,13 @@ from typing import Any
 import click
 
 from lfpipe.cli.options import OVERWRITE, PATH, SCENE, Number, with_scene
-from lfpipe.cli.plugged import Group
 from lfpipe.cli.scene import PICTURES, check_picture, opened, write_picture
-from lfpipe.cli.terminal import print_result, say
+from lfpipe.cli.terminal import Group, print_result, say
 from lfpipe.config import Config
 from lfpipe.extras.export import pictures
 from lfpipe.extras.export.page import PageExport, check_page, frame_of
-from lfpipe.files.output import check_output, write_output
-from lfpipe.scene.inverted_depth import undecided
+from lfpipe.files.safe_files import check_output, write_output
+from lfpipe.scene.lightfield import undecided
 
 Command = Callable[..., Any]
 PAIRS = (*PICTURES, ".jps", ".mpo", ".mp4")

@@ -22,7 +22,7 @@ from lfpipe.config import Config, Render
 from lfpipe.config.quality import WARPS
 from lfpipe.errors import UserError
 from lfpipe.extras.gpu.shader import mixture, source
-from lfpipe.files.output import write_output
+from lfpipe.files.safe_files import write_output
 from lfpipe.render.synthesis.compositor import ViewRenderer, method_for, recipe_for
 from lfpipe.render.synthesis.engine import Cameras
 from lfpipe.render.synthesis.scene_views import SceneViews, reduced

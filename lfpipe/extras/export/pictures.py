@@ -23,8 +23,8 @@ from PIL import Image
 
 from lfpipe.config import Config
 from lfpipe.errors import UserError
+from lfpipe.files.codecs import VideoWriter, require_encoder, write_error
 from lfpipe.files.safe_files import replaced
-from lfpipe.files.video_writer import VideoWriter, require_encoder, write_error
 from lfpipe.render.synthesis.compositor import ViewRenderer
 from lfpipe.render.synthesis.viewpoint import zero_plane_px
 from lfpipe.render.viewer.geometry import parallax

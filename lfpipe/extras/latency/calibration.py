@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.capture.frame_source import FrameSource, as_read
 from lfpipe.capture.open_source import camera_settings, open_source
+from lfpipe.capture.recordings import FrameSource, as_read
 from lfpipe.config import Config
 from lfpipe.errors import UserError
 from lfpipe.extras.latency.estimate import (
@@ -25,13 +25,12 @@ from lfpipe.extras.latency.estimate import (
     estimate,
     find_area,
 )
-from lfpipe.files.decoding import BrokenFrame
+from lfpipe.files.codecs import BrokenFrame
 from lfpipe.render.display.display import Overlay
 from lfpipe.render.display.monitors import Monitor
 from lfpipe.render.display.open_display import has_display
 from lfpipe.render.display.refresh import ScreenClock
-from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns, sleep_until
-from lfpipe.transport.ring import StampKind
+from lfpipe.transport.ring import MS_NS, SECOND_NS, StampKind, now_ns, sleep_until
 
 WINDOW_PX = (1600, 900)  # limited by the screen
 HOLDS = (3, 6)  # of a level, 50 to 100 ms: in refreshes at about STEP_HZ, inclusive

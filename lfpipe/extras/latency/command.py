@@ -8,7 +8,7 @@ from lfpipe.capture.open_source import camera_name
 from lfpipe.cli.options import with_config
 from lfpipe.cli.terminal import print_result
 from lfpipe.config import Config, user_file
-from lfpipe.config.user_files import write_keys
+from lfpipe.config.check import write_keys
 from lfpipe.extras.latency.calibration import measure_device_latency
 from lfpipe.render.display.monitors import device_latency_conditions
 

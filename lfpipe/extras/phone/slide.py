@@ -25,11 +25,10 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import read_picture
 from lfpipe.files.safe_files import reason, write_file
-from lfpipe.scene.files import VIDEOS, library_errors, list_scene, natural
 from lfpipe.scene.layouts.rgbd import LOWER
 from lfpipe.scene.optical_flow import Grey, Mask, robust_fit
 from lfpipe.scene.orientation import orient
-from lfpipe.scene.source import Progress, SceneSource
+from lfpipe.scene.source import VIDEOS, Progress, SceneSource, library_errors, list_scene, natural
 from lfpipe.scene.video import Video
 
 Corners = NDArray[np.float32]  # (n, 1, 2) as (x, y), OpenCV's form

@@ -5,8 +5,8 @@ from typing import Any
 
 import click
 
-from lfpipe.cli.plugged import Group
 from lfpipe.cli.sessions import Send
+from lfpipe.cli.terminal import Group
 from lfpipe.extras.share.target import check_target, new_targets
 
 

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from lfpipe.extras.share.target import Target
 from lfpipe.host.terminal import quiet_stderr
-from lfpipe.track.head import Head
-from lfpipe.transport.clock import SECOND_NS, now_ns
+from lfpipe.track.eye_tracker import Head
+from lfpipe.transport.ring import SECOND_NS, now_ns
 
 MAX_INT = 2**31 - 1  # of OSC's type i: frame numbers wrap to 0
 POSE = struct.Struct("<6d")  # x, y, z in cm; yaw, pitch, roll in degrees

@@ -1,7 +1,7 @@
 """The row of the stage `share` in the process table."""
 
 from lfpipe.config import SessionOptions
-from lfpipe.transport.ring_io import Stage
+from lfpipe.transport.context import Stage
 
 
 def _asks_for(options: SessionOptions) -> tuple[str, ...]:

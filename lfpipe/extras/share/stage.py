@@ -16,12 +16,10 @@ from lfpipe.errors import UserError
 from lfpipe.extras.share.output import LslOutput, Sample, UdpOutput
 from lfpipe.extras.share.target import Target, check_target
 from lfpipe.eyes import EYES, MAX_STEP_NS, SHOWN
-from lfpipe.host.processes import yield_to_others
-from lfpipe.track.head import HeadEstimator
-from lfpipe.transport.clock import Ticker, now_ns
-from lfpipe.transport.context import Context
-from lfpipe.transport.ring import Stamp
-from lfpipe.transport.ring_io import RingInput
+from lfpipe.host.machine import yield_to_others
+from lfpipe.track.eye_tracker import HeadEstimator
+from lfpipe.transport.context import Context, RingInput
+from lfpipe.transport.ring import Stamp, Ticker, now_ns
 
 
 @attrs.define

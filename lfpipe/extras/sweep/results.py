@@ -13,10 +13,9 @@ import attrs
 from lfpipe.bench.style import document, html_table
 from lfpipe.errors import UserError, plain
 from lfpipe.extras.sweep.plan import Cell
-from lfpipe.files.output import check_output, write_output
-from lfpipe.files.safe_files import LineFile, reason
+from lfpipe.files.safe_files import LineFile, check_output, reason, write_output
 from lfpipe.host.files import exists
-from lfpipe.replays.report import Kind, TestCase, junit
+from lfpipe.replays.run import Kind, TestCase, junit
 
 OK, DIFFERS, FAILED, LEFT_OUT = "ok", "differs", "failed", "left out"
 DONE = (OK, DIFFERS, LEFT_OUT)  # not measured again

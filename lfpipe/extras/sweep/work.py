@@ -20,11 +20,10 @@ from lfpipe.bench.results import STATES, read
 from lfpipe.errors import UserError, plain, quoted
 from lfpipe.extras.sweep.plan import QUALITY, REPLAY, TABLE, TRUTH, Cell
 from lfpipe.extras.sweep.results import DIED, DIFFERS, FAILED, LEFT_OUT, OK, Outcome
-from lfpipe.files.output import write_output
-from lfpipe.files.safe_files import read_text
+from lfpipe.files.safe_files import read_text, write_output
 from lfpipe.files.untrusted import json_fields
 from lfpipe.host.files import exists, is_dir
-from lfpipe.replays.report import REPORT, read_report
+from lfpipe.replays.run import REPORT, read_report
 
 REFERENCE = "metrics.json"  # in the reference of a cell without pictures
 AGAIN = "copy the whole folder again, or rewrite it with --update"
@@ -32,7 +31,7 @@ CLOSE = 1e-3  # relative tolerance of metrics, for rounding on other processors
 # A command ends with the worker that started it;
 # otherwise the stages of its session would continue.
 COMMAND = (
-    "import runpy, sys; from lfpipe.host.processes import end_with_parent; sys.argv[0] = 'lfpipe';"
+    "import runpy, sys; from lfpipe.host.machine import end_with_parent; sys.argv[0] = 'lfpipe';"
     " end_with_parent(int(sys.argv.pop(1))) and runpy.run_module('lfpipe', run_name='__main__')"
 )
 Measured = tuple[str, str, dict[str, Any]]  # state, reason, metrics

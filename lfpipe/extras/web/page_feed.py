@@ -20,7 +20,7 @@ import zmq
 from numpy.typing import NDArray
 
 from lfpipe.config import converter
-from lfpipe.config.modes import MouseViewer
+from lfpipe.config.session_options import MouseViewer
 from lfpipe.errors import UserError
 from lfpipe.monitor.monitor import PERIOD_S, photon_words
 from lfpipe.monitor.session_reader import Follower, Sample
@@ -28,8 +28,8 @@ from lfpipe.render.synthesis.viewpoint import zero_planes_px
 from lfpipe.supervisor.process_table import TRACKED_BY
 from lfpipe.supervisor.rundir import ask
 from lfpipe.transport import control, ring
-from lfpipe.transport.clock import SECOND_NS, now_ns
-from lfpipe.transport.session import Session
+from lfpipe.transport.control import Session
+from lfpipe.transport.ring import SECOND_NS, now_ns
 
 COMMAND_S, LOAD_S = 2.0, 20.0  # timeouts of answers; packing a scene may take longer
 LEASE_S = 5.0  # of the ring of pictures: it is removed soon after the last viewer leaves

@@ -14,10 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.files.decoding import fitted, opencv_name
-from lfpipe.files.output import write_output
-from lfpipe.files.safe_files import check_regular, create_private
-from lfpipe.files.video_writer import IN_FRAGMENTS, VideoWriter, require_encoder, write_error
+from lfpipe.files.codecs import (
+    IN_FRAGMENTS,
+    VideoWriter,
+    fitted,
+    opencv_name,
+    require_encoder,
+    write_error,
+)
+from lfpipe.files.safe_files import check_regular, create_private, write_output
 from lfpipe.host.terminal import OPENCV_ERROR, opencv_logging
 from lfpipe.render.display.display import Display, DisplayNotice
 from lfpipe.render.synthesis.anaglyph import Pair

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lfpipe.config.modes import Nothing, Plugin, Target, VideoFile, Window
+from lfpipe.config.session_options import Nothing, Plugin, Target, VideoFile, Window
 from lfpipe.errors import UserError
 from lfpipe.host.machine import has_desktop
 from lfpipe.plugins import DISPLAYS, load, make, plugins

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.files.decoding import fit_area
+from lfpipe.files.codecs import fit_area
 from lfpipe.render.display.window_system import pygame, uses_renderer, video
 from lfpipe.render.synthesis.anaglyph import scale_into
 

@@ -5,7 +5,7 @@ the window system reports.
 import math
 
 from lfpipe.host.presentation import Presented
-from lfpipe.transport.clock import MS_NS, SECOND_NS
+from lfpipe.transport.ring import MS_NS, SECOND_NS
 
 SLACK = 0.2  # of a period, at most 3 ms: tolerated lateness of eyes
 # of each frame in phase and period: 20 frames, over which jitter of stamps averages out

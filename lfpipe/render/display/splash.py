@@ -9,7 +9,7 @@ import threading
 import time
 
 from lfpipe.render.display.window_system import icon, pygame, start, written
-from lfpipe.transport.session import Session
+from lfpipe.transport.control import Session
 from lfpipe.transport.status import State, Table
 
 SIZE_PX = 640, 360

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.files.decoding import fit_area
+from lfpipe.files.codecs import fit_area
 from lfpipe.host.presentation import Presented
 from lfpipe.render.display import window_system
 from lfpipe.render.display.display import Display, Event, Overlay

@@ -35,7 +35,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.files.decoding import fit_area
+from lfpipe.files.codecs import fit_area
 from lfpipe.host.machine import add
 from lfpipe.scene.optical_flow import LUMA
 

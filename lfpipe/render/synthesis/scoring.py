@@ -1,5 +1,5 @@
 """Scores of the rendering methods: every second view is held out, predicted from the others, and
-compared. `scene.classification` interprets the scores, `config.quality` the errors.
+compared. `scene.analysis` interprets the scores, `config.quality` the errors.
 """
 
 import itertools
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from lfpipe.config import Render
 from lfpipe.config.quality import METHODS, SIZES, WARPS
 from lfpipe.config.tree import Method
-from lfpipe.files.decoding import fit_area
+from lfpipe.files.codecs import fit_area
 from lfpipe.host.machine import add
 from lfpipe.render.synthesis.compositor import Compositor, Painters
 from lfpipe.render.synthesis.engine import Synthesiser

@@ -12,7 +12,7 @@ from pathlib import Path
 import attrs
 import platformdirs
 
-from lfpipe.config.modes import Window, is_measurable
+from lfpipe.config.session_options import Window, is_measurable
 from lfpipe.render.display.display import Display, Event, Item, Notice, Overlay, Pointer
 from lfpipe.render.display.file_display import save
 from lfpipe.render.display.open_display import HINT
@@ -51,10 +51,10 @@ from lfpipe.render.ui.settings import (
 )
 from lfpipe.render.viewer.mouse_look import MouseLook
 from lfpipe.render.viewer.viewer import Viewer
-from lfpipe.scene.demo import NAMES
-from lfpipe.transport.clock import SECOND_NS, now_ns
+from lfpipe.scene.pack import DEMOS
 from lfpipe.transport.context import Context
 from lfpipe.transport.control import Answer
+from lfpipe.transport.ring import SECOND_NS, now_ns
 
 LOOKING = {VIEWERS["mouse"]: "Move the mouse to look around"}  # name of a viewer -> notice
 TURNS = Item("◀", Event("previous")), Item("▶", Event("next"))  # of a locked window
@@ -209,7 +209,7 @@ class Ui:
             Notice(self.scenes.opening),
             *standing_notices(self.context, self._display.knows_rows),
         ]
-        is_demo = viewer_kind(options.viewer) == "demo" and name in NAMES
+        is_demo = viewer_kind(options.viewer) == "demo" and name in DEMOS
         if is_demo and isinstance(display, Window) and not (is_locked or self.dismissed):
             standing += [RECORDED_FACE] * (self.page is None)
         page = self.page.overlay(t_ns) if self.page else Overlay()

@@ -4,15 +4,14 @@ import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from lfpipe.config.modes import CameraViewer, MouseViewer, NoViewer
-from lfpipe.config.modes import Viewer as ViewerKind
+from lfpipe.config.session_options import CameraViewer, MouseViewer, NoViewer
+from lfpipe.config.session_options import Viewer as ViewerKind
 from lfpipe.notices import notices
 from lfpipe.render.display.display import Event, Item, Notice
 from lfpipe.render.viewer.viewer import Viewer
-from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
-from lfpipe.transport.metrics import summary_ms
-from lfpipe.transport.status import State, rate_hz
+from lfpipe.transport.ring import SECOND_NS, now_ns
+from lfpipe.transport.status import State, rate_hz, summary_ms
 
 COMMAND = re.compile(r"`|--|lfpipe |\b[a-z]+\.[a-z_]+=|/")  # of a terminal
 LONG_MS, CAMERA_HZ = 150.0, 30.0  # full bars

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.files.decoding import fit_area
+from lfpipe.files.codecs import fit_area
 from lfpipe.render.display.display import NO_EVENT, Event, Item, Menu, Notice, Overlay
 from lfpipe.render.display.painters import Panel
 from lfpipe.render.display.window_system import drawable, font, pygame, written

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import Render
-from lfpipe.config.modes import CameraViewer
-from lfpipe.config.modes import Viewer as ViewerKind
-from lfpipe.config.user_files import check_focal, keep_focal
+from lfpipe.config.check import check_focal, keep_focal
+from lfpipe.config.session_options import CameraViewer
+from lfpipe.config.session_options import Viewer as ViewerKind
 from lfpipe.eyes import EYES, EyesRecord
 from lfpipe.render.display.display import Event, Item, Menu, Overlay
 from lfpipe.render.presenter import Drawing, Presenter, draw_scene
@@ -26,9 +26,8 @@ from lfpipe.render.synthesis.compositor import Key, recipe_for
 from lfpipe.render.ui.notices import VIEWERS, metrics
 from lfpipe.render.ui.settings import Files, Settings
 from lfpipe.render.viewer.viewer import Viewer
-from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.context import Context
-from lfpipe.transport.ring import Reader
+from lfpipe.transport.ring import SECOND_NS, Reader
 
 Colour = tuple[int, int, int]
 # label, more about it, colours of the left and right lens (RGB), value of render.anaglyph

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Scene
 from lfpipe.errors import UserError, plain
-from lfpipe.files.decoding import fit_area
+from lfpipe.files.codecs import fit_area
 from lfpipe.files.safe_files import reason
 from lfpipe.host.files import exists
 from lfpipe.render.display.display import Event, Item, Menu, Overlay
@@ -28,14 +28,11 @@ from lfpipe.render.ui.notices import (
 )
 from lfpipe.render.ui.pages import Page
 from lfpipe.render.ui.settings import Files
-from lfpipe.scene.cache import cache_dir, packed
-from lfpipe.scene.demo import MARKER
-from lfpipe.scene.files import HOLDS_ALL, PICTURES, entries, natural, read_bytes
-from lfpipe.scene.recent_scenes import recent_scenes
-from lfpipe.transport.clock import SECOND_NS, now_ns
+from lfpipe.scene.pack import DEMO_MARKER, cache_dir, packed, recent_scenes
+from lfpipe.scene.source import HOLDS_ALL, PICTURES, entries, natural, read_bytes
 from lfpipe.transport.context import Context
 from lfpipe.transport.control import Answer, Message
-from lfpipe.transport.ring import Reader
+from lfpipe.transport.ring import SECOND_NS, Reader, now_ns
 
 TITLE_CHARS = 32  # of a path: beside them, a small window has the page's buttons
 MAX_PICTURES = 100  # that are looked for
@@ -63,7 +60,7 @@ def list_folder(folder: Path | None) -> Content:
     directory. Raises UserError.
     """
     if folder is None:
-        own = (scene.parent for scene in recent_scenes() if not exists(scene / MARKER))
+        own = (scene.parent for scene in recent_scenes() if not exists(scene / DEMO_MARKER))
         folder = next(own, Path.home())
     try:
         names, folders = entries(folder)

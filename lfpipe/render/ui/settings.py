@@ -16,20 +16,19 @@ import attrs
 import platformdirs
 
 from lfpipe.config import Render, choices, user_file
-from lfpipe.config.modes import Window
+from lfpipe.config.check import write_keys
 from lfpipe.config.quality import level_number
-from lfpipe.config.user_files import write_keys
+from lfpipe.config.session_options import Window
 from lfpipe.errors import UserError
 from lfpipe.host.files import exists
 from lfpipe.render.display.display import Event, Item
 from lfpipe.render.synthesis.viewpoint import zero_plane_px, zero_planes_px
 from lfpipe.render.ui.notices import ASKED_NS, GLASSES, Notices, short
 from lfpipe.render.viewer.viewer import Viewer
-from lfpipe.scene.inverted_depth import remember, undecided
-from lfpipe.scene.lightfield import HARDLY_FIT
+from lfpipe.scene.lightfield import HARDLY_FIT, remember, undecided
 from lfpipe.sequence.folder import MANIFEST
-from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.context import Context
+from lfpipe.transport.ring import SECOND_NS
 
 T = TypeVar("T")
 

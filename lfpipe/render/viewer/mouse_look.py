@@ -16,11 +16,10 @@ from lfpipe.eyes import Eyes, EyesRecord, low_pass_gain
 from lfpipe.render.display.display import Pointer
 from lfpipe.render.viewer.geometry import SEAT_MM
 from lfpipe.render.viewer.viewer import Viewer
-from lfpipe.sequence.eyes import eyes_line
+from lfpipe.sequence.packets import eyes_line
 from lfpipe.sequence.recorder import Recordable, Recorder
-from lfpipe.transport.clock import SECOND_NS
-from lfpipe.transport.ring import Stamp
-from lfpipe.transport.ring_io import RingOutput
+from lfpipe.transport.context import RingOutput
+from lfpipe.transport.ring import SECOND_NS, Stamp
 
 EASE_S = 0.06  # time constant of two cascaded low-passes: mouse motion becomes like head motion
 # transition back to the camera's eyes: after eight times EASE_S, the rest is invisible

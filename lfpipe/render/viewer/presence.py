@@ -35,7 +35,7 @@ from typing import NamedTuple
 
 from lfpipe.eyes import MAX_STEP_NS
 from lfpipe.render.synthesis.viewpoint import Place
-from lfpipe.transport.clock import SECOND_NS
+from lfpipe.transport.ring import SECOND_NS
 
 # passers-by are not still for that long; at 8 Hz and more, the second limit decides
 REST_S, REST_FRAMES = 1.0, 8

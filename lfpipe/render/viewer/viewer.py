@@ -24,7 +24,7 @@ from lfpipe.eyes import (
     low_pass_gain,
     middle_of,
 )
-from lfpipe.files.decoding import fit_area
+from lfpipe.files.codecs import fit_area
 from lfpipe.render.synthesis.compositor import Compositor, Painters
 from lfpipe.render.synthesis.viewpoint import Place, Position, ViewSolver
 from lfpipe.render.viewer.geometry import Parallax, alpha_is_automatic, parallax
@@ -37,7 +37,7 @@ from lfpipe.render.viewer.presence import (
     idle_place,
 )
 from lfpipe.scene.lightfield import LightField
-from lfpipe.transport.clock import SECOND_NS
+from lfpipe.transport.ring import SECOND_NS
 
 # Time constants by which alpha, and the position in front of the screen, follow the viewer's
 # distance (measured as the eye distance): fast for another distance, so that depth never stays

@@ -13,12 +13,19 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header
 from lfpipe.plugins import LAYOUTS, blaming, load, plugins
-from lfpipe.scene.files import HOLDS_ALL, Listing, is_picture, library_errors, list_scene
-from lfpipe.scene.layouts import poses
 from lfpipe.scene.layouts._folders import inner_listing, note_of
 from lfpipe.scene.layouts._grid import GRID_REMEDY, parse_grid, some
 from lfpipe.scene.layouts._names import DEPTH, words
-from lfpipe.scene.source import Layout, SceneSource
+from lfpipe.scene.layouts.named import unused_poses
+from lfpipe.scene.source import (
+    HOLDS_ALL,
+    Layout,
+    Listing,
+    SceneSource,
+    is_picture,
+    library_errors,
+    list_scene,
+)
 
 READABLE = (
     "lfpipe reads PNG, JPEG, PPM, BMP, TIFF, WebP, AVIF, GIF, .npy, .npz, .mat, .h5 and videos, and"
@@ -97,8 +104,8 @@ def _source_of(known: dict[str, Layout], given: Listing, scene: config.Scene) ->
         source = attrs.evolve(
             source, path=given.path, notes=(*source.notes, *filter(None, [note_of(given, inner)]))
         )
-    if source.layout != poses.NAME:
-        source = attrs.evolve(source, notes=(*source.notes, *poses.unused_poses(given)))
+    if source.layout != "poses":
+        source = attrs.evolve(source, notes=(*source.notes, *unused_poses(given)))
     return source
 
 

@@ -8,7 +8,6 @@ from collections.abc import Mapping
 import attrs
 
 from lfpipe.errors import UserError
-from lfpipe.scene.files import Listing, list_scene
 from lfpipe.scene.layouts._grid import some
 from lfpipe.scene.layouts._names import (
     NO_SCENE,
@@ -19,6 +18,7 @@ from lfpipe.scene.layouts._names import (
     read_names,
     words,
 )
+from lfpipe.scene.source import Listing, list_scene
 
 MOST_CAMERAS = 4  # that recorded side by side, of which two are a pair; more are a row
 _DEEPEST = 2  # levels of folders below a folder without pictures

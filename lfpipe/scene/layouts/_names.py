@@ -17,8 +17,7 @@ from itertools import combinations
 
 import attrs
 
-from lfpipe.scene.files import stem_of
-from lfpipe.scene.source import ViewIndex
+from lfpipe.scene.source import ViewIndex, stem_of
 
 _ENDS = re.compile(  # of words, between letters of two kinds
     r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=[^\W\d_])(?=\d)|(?<=\d)(?=[^\W\d_])"

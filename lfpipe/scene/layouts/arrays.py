@@ -10,6 +10,10 @@ reverse order; older ones need scipy (the extra `scipy`). lf.h5 contains LF, GT_
 attributes, columns from right to left: Wanner, Meister, Goldluecke, "Datasets and Benchmarks for
 Densely Sampled 4D Light Fields", VMV 2013. In a file without those attributes, columns may run
 either way.
+
+ESLF, of plenoptic cameras: one PNG, with `eslf` in its name, of lenslets of N x N px (14 x 14 for a
+Lytro Illum; else scene.grid), as in LFToolbox's LFReadESLF; pixel (row, col) of every lenslet forms
+one view. The outer views are dark or empty.
 """
 
 import contextlib
@@ -21,19 +25,109 @@ from pathlib import Path
 from typing import Any
 
 import attrs
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError, plain
+from lfpipe.files.pictures import read_picture
 from lfpipe.files.safe_files import open_file
 from lfpipe.host.files import proc_fd_path
 from lfpipe.host.machine import install_command
-from lfpipe.scene.files import Listing
-from lfpipe.scene.layouts._grid import coordinate_turn, require_grid, require_view
-from lfpipe.scene.layouts._names import is_map
-from lfpipe.scene.layouts.plenoptic import lit
-from lfpipe.scene.source import GridTransform, Layout, SceneSource
+from lfpipe.scene.layouts._grid import (
+    coordinate_turn,
+    parse_grid,
+    require_grid,
+    require_picture,
+    require_view,
+    single_picture,
+)
+from lfpipe.scene.layouts._names import ESLF, is_map, words
+from lfpipe.scene.source import GridTransform, Layout, Listing, SceneSource, ViewIndex
+
+# brightness over that of the middle view; darker sides and views are left out
+_DARK_SIDE, _DARK_VIEW = 0.55, 0.4
+
+
+def lit(source: SceneSource) -> SceneSource:
+    """The source without its dark sides, evenly from both ends; dark views in the corners count as
+    missing.
+    """
+
+    def light(row: int, col: int) -> float:
+        return (
+            0.0
+            if (row, col) in source.missing
+            else float(source.read(0, row, col)[::4, ::4].mean())
+        )
+
+    all_rows, all_cols = source.rows, source.cols
+    middle = light(all_rows // 2, all_cols // 2)
+    top = left = 0
+    while (
+        all_rows - 2 * top > 2
+        and min(light(r, all_cols // 2) for r in (top, all_rows - 1 - top)) < _DARK_SIDE * middle
+    ):
+        top += 1
+    while (
+        all_cols - 2 * left > 2
+        and min(light(all_rows // 2, c) for c in (left, all_cols - 1 - left)) < _DARK_SIDE * middle
+    ):
+        left += 1
+    rows, cols = all_rows - 2 * top, all_cols - 2 * left
+    missing: set[ViewIndex] = set()
+    for row, col in np.ndindex(rows, cols):
+        # brightness falls off only towards the corners: no need to check the rest of the grid
+        corner = min(row, rows - 1 - row) + min(col, cols - 1 - col) < max(1, min(rows, cols) // 4)
+        if (row + top, col + left) in source.missing or (
+            corner and light(row + top, col + left) < _DARK_VIEW * middle
+        ):
+            missing.add((row, col))
+    note = f"the central {rows}x{cols} of {all_rows}x{all_cols} views are used; the others are dark"
+    small = source.small
+    return attrs.evolve(
+        source,
+        rows=rows,
+        cols=cols,
+        missing=frozenset(missing),
+        notes=(*source.notes, note) if top or left else source.notes,
+        read=lambda frame, row, col: source.read(frame, row + top, col + left),
+        small=None
+        if small is None
+        else lambda row, col, most_px: small(row + top, col + left, most_px),
+    )
+
+
+def _detect_eslf(listing: Listing) -> int | None:
+    path = single_picture(listing)
+    return 90 if path is not None and ESLF.search(words(path.name)) else None
+
+
+def _describe_eslf(listing: Listing, scene: config.Scene) -> SceneSource:
+    path = require_picture(listing)
+    picture, full = read_picture(path)
+    rows, cols = parse_grid(scene.grid) or (14, 14)  # a Lytro Illum's
+    below, beside = -picture.shape[0] % rows, -picture.shape[1] % cols
+    if below or beside:  # LFToolbox pads at the end
+        picture = cv2.copyMakeBorder(picture, 0, below, 0, beside, cv2.BORDER_CONSTANT)
+    return lit(
+        SceneSource(
+            layout="eslf",
+            path=listing.path,
+            files=(path,),
+            rows=rows,
+            cols=cols,
+            read=lambda frame, row, col: np.ascontiguousarray(picture[row::rows, col::cols]),
+            height_px=picture.shape[0] // rows,
+            width_px=picture.shape[1] // cols,
+            max_value=full,
+            turn=GridTransform(),
+            turn_firm=False,
+            turn_by="an ESLF picture counts rows from the top and columns from the left",
+        )
+    )
+
 
 VIEWS, DISPARITY, POSITIONS = "views", "disparity", "positions"
 AXES = "(rows, cols, height, width, 1 or 3), or (frames, rows, cols, height, width, 1 or 3)"
@@ -402,4 +496,5 @@ LAYOUTS = (
     _layout("array", (".npy", ".npz"), _numpy_source),
     _layout("mat", (".mat",), _matlab_source),
     _layout("hci-old", (".h5", ".hdf5"), _hci_old_source),
+    Layout("eslf", _detect_eslf, _describe_eslf),
 )

@@ -18,8 +18,14 @@ from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header, read_picture, upright
 from lfpipe.files.safe_files import open_file
 from lfpipe.host.files import proc_fd_path
-from lfpipe.scene.files import Listing, is_picture, read_pfm
-from lfpipe.scene.layouts._grid import parse_grid, require_grid, some
+from lfpipe.scene.layouts._grid import (
+    halves,
+    parse_grid,
+    require_grid,
+    require_picture,
+    single_picture,
+    some,
+)
 from lfpipe.scene.layouts._names import (
     DEPTH,
     INVERSE,
@@ -32,10 +38,9 @@ from lfpipe.scene.layouts._names import (
     words,
 )
 from lfpipe.scene.layouts._stated import embedded_depth
-from lfpipe.scene.layouts._tiles import halves, require_picture, single_picture
 from lfpipe.scene.layouts.arrays import damage, matlab_array
-from lfpipe.scene.missing_views import nearest, warped_disparity, warped_view
-from lfpipe.scene.source import GridTransform, SceneSource
+from lfpipe.scene.packing import nearest, warped_disparity, warped_view
+from lfpipe.scene.source import GridTransform, Listing, SceneSource, is_picture, read_pfm
 
 NAME = "rgbd"
 HDF5 = (".mat", ".h5", ".hdf5")

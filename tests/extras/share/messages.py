@@ -1,6 +1,6 @@
 """Refusals of targets."""
 
-from lfpipe.config.modes import NoViewer
+from lfpipe.config.session_options import NoViewer
 from lfpipe.extras.share.target import FORMS, check_target, new_targets
 from lfpipe.supervisor.requests import respond
 from tests.supervisor.states import made_state

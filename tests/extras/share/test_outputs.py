@@ -18,8 +18,8 @@ from lfpipe.extras.share import output
 from lfpipe.extras.share.output import Sample, clock_offset_s, opentrack_datagram, osc_datagram
 from lfpipe.extras.share.target import Target
 from lfpipe.eyes import SHOWN
-from lfpipe.track.head import Head
-from lfpipe.transport.clock import now_ns
+from lfpipe.track.eye_tracker import Head
+from lfpipe.transport.ring import now_ns
 from tests.extras.share.receivers import lsl_environment
 from tests.support.examples import examples
 from tests.track.test_head import rotation

@@ -13,7 +13,7 @@ import numpy as np
 import psutil
 import pytest
 
-from lfpipe.transport.clock import SECOND_NS
+from lfpipe.transport.ring import SECOND_NS
 from tests.extras.share.receivers import OpentrackReceiver, free_port, lsl_environment, osc_server
 from tests.support.world import World
 
