@@ -38,7 +38,7 @@ from lfpipe.live.records import pairs_in_need, two_cameras
 from lfpipe.monitor.doctor import checks, write_report
 from lfpipe.monitor.session_reader import snapshot
 from lfpipe.render.display.open_display import has_display
-from lfpipe.render.ui.pages import FARTHEST_CM, NEAREST_CM, USUAL_MM
+from lfpipe.render.ui.pages import FARTHEST_CM, NEAREST_CM, SEAT_MM
 from lfpipe.scene.pack import cache_dir, demo_scene
 from lfpipe.supervisor import rundir
 from lfpipe.track.models import SHA256, fetch_models, find_model, install_models, missing_models
@@ -211,7 +211,7 @@ def check(path: str | None) -> None:
     "--distance",
     "distance_mm",
     type=Number(10 * NEAREST_CM, 10 * FARTHEST_CM),
-    default=USUAL_MM,
+    default=SEAT_MM,
     show_default=True,
     metavar="MM",
     help="Distance from the camera to your eyes; the page can change it.",

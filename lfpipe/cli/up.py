@@ -102,8 +102,13 @@ def launch(arguments: UpArguments, run_policy: RunPolicy = lambda first, _: firs
         rundir.remove(session.run_dir, rundir.acquire(session))  # raises the error with the remedy
     again = attrs.evolve(arguments, overwrite=True)  # its own files
     with contextlib.ExitStack() as splash:
-        if arguments.start:  # it takes seconds to look at cameras and scenes
-            command = python("lfpipe.render.display.splash", session.name)
+        if arguments.start or arguments.lock_code:  # it takes seconds to look at cameras and scenes
+            command = python(
+                "lfpipe.render.display.splash",
+                session.name,
+                arguments.title or "lfpipe",
+                arguments.display or "window",
+            )
             splash.enter_context(
                 subprocess.Popen(  # out of reach of the terminal: it ends with its input
                     command,

@@ -31,8 +31,8 @@ from lfpipe.render.viewer.presence import ViewerState
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.sequence.packets import PacketWriter, encoded, read_truth
 from lfpipe.transport import ring
-from lfpipe.transport.context import RingOutput
-from lfpipe.transport.ring import MS_NS, SECOND_NS, Stamp, StampKind
+from lfpipe.transport.context import BEAT_NS, RingOutput
+from lfpipe.transport.ring import SECOND_NS, Stamp, StampKind
 from lfpipe.transport.status import Row
 
 MAX_PREDICTION_NS = int(MAX_PREDICTION_S * SECOND_NS)
@@ -150,8 +150,6 @@ class Trace(Listener):
 
 # Messages about the viewer to monitors.
 
-LOOK_NS = 100 * MS_NS  # between two messages "look"
-
 
 @attrs.define(eq=False)
 class TapMessages(Listener):
@@ -180,7 +178,7 @@ class TapMessages(Listener):
                 self._state = viewer.presence.state
                 self._emit("viewer", state=self._state.word)
             if self._options.pictures and presentation.t_handed_ns >= self._look_due_ns:
-                self._look_due_ns = presentation.t_handed_ns + LOOK_NS
+                self._look_due_ns = presentation.t_handed_ns + BEAT_NS
                 self._emit_look(presentation)
         parallax = viewer.parallax
         if parallax is None or isinstance(self._options.clock, Lossless):  # nobody watches a replay

@@ -19,7 +19,7 @@ from lfpipe.render.display.monitors import (
     monitors,
     pixel_mm,
 )
-from lfpipe.render.display.window import USUAL_MM, ScreenWindow
+from lfpipe.render.display.window import ScreenWindow
 from lfpipe.render.ui.overlay_view import OverlayView
 from tests.support.sway_screen import sway
 
@@ -82,7 +82,7 @@ def test_screen_window_on_a_scaled_desktop_has_the_screens_pixels(
         monkeypatch.setenv("SDL_VIDEODRIVER", "wayland")
         with closing(screen_window((500, 400))) as window:
             window.show(np.full((400, 500, 3), 90, np.uint8))
-            share = window.width_mm() / USUAL_MM  # type: ignore[operator]
+            share = window.width_mm() / 530  # type: ignore[operator]
             assert monitors()[0].width == 640 < window._shown_px and share == pytest.approx(
                 window._shown_px / 1280, rel=0.01
             )

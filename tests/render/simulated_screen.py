@@ -72,11 +72,10 @@ def shown(screen: SimulatedScreen, cost_ms: float, seconds: float = 25.0) -> Sho
     waits: list[float] = []
     while now_ns < times[-1]:
         due_ns = refresh.due_ns()
-        begun_ns = max(now_ns, due_ns - refresh.lead_ns())
         wake_ms = random.exponential(WAKE_MS)
         if screen.late_wakes and random.random() < screen.late_wakes:
             wake_ms += random.exponential(LATE_WAKE_MS)
-        begun_ns += round(wake_ms * MS_NS)
+        begun_ns = max(now_ns, due_ns - refresh.lead_ns()) + round(wake_ms * MS_NS)
         cost_ns = round(cost_ms * random.lognormal(0, 0.1) * MS_NS)
         now_ns = max(begun_ns + cost_ns, refresh.earliest_ns(due_ns))
         refresh.add_cost(cost_ns)

@@ -4,6 +4,7 @@ the window system reports.
 
 import math
 
+from lfpipe.eyes import MAX_STEP_NS
 from lfpipe.host.presentation import Presented
 from lfpipe.transport.ring import MS_NS, SECOND_NS
 
@@ -11,8 +12,6 @@ SLACK = 0.2  # of a period, at most 3 ms: tolerated lateness of eyes
 # of each frame in phase and period: 20 frames, over which jitter of stamps averages out
 GAIN = 0.05
 LARGEST_STEP = 0.01  # of a period
-# from frame to frame; after a longer gap the camera or the machine stood still
-LONGEST_NS = SECOND_NS // 2
 NEAR_RATIO = 0.01  # tolerance of the ratio of both rates to a whole number
 COST_SHARE = 0.1  # weight of the newest in the running mean of a picture's cost
 SPARE_NS = MS_NS  # additional lead of composing
@@ -71,7 +70,7 @@ class Refresh:
         """Records that new eyes, of that frame, arrived at t_eyes_ns."""
         last = self._last
         self._last = (source_seq, t_sensor_ns)
-        if last is None or source_seq <= last[0] or t_sensor_ns - last[1] > LONGEST_NS:
+        if last is None or source_seq <= last[0] or t_sensor_ns - last[1] > MAX_STEP_NS:
             self._locked = False  # the first frame, or the first after a gap: the phase is new
             return
         period_ns = (t_sensor_ns - last[1]) / (source_seq - last[0])
@@ -99,23 +98,21 @@ OFF_GRID = 0.35  # of a period: a vblank further off belongs to another grid
 OFF_COUNT = 5  # after this many such vblanks in a row the clock follows the other grid
 # of a period: beyond it from the reported one, the window is on another screen
 PERIOD_RANGE = 0.12
-EARLY_NS = MS_NS // 4  # after a vblank; no submission for the next one before this
 # The lead is the mean cost of a picture and a margin, which holds the rest: how much costs vary,
 # how late the process wakes up, how long before a vblank the window system takes a picture.
 MARGIN_NS = 4 * MS_NS  # at first: most window systems need less
 # The first late picture for a while widens the margin by the least step, for a machine that stands
-# still now and then is late with any margin; the next ones by twice as much.
+# still now and then is late with any margin; the next ones by twice as much. No picture is sent
+# earlier than that after the vblank before its own.
 STEP_NS = MS_NS // 2
 SOON = 20  # pictures
 # A screen may show the oldest of several pictures in flight. After a late one, each then takes the
-# vblank of the next, for good: after this many in a row, as many vblanks as they are late get no
+# vblank of the next, for good: after so many in a row, as many vblanks as they are late get no
 # picture. If that does not help, the compositor takes pictures ahead.
-MAX_QUEUED = 20
 # Punctual pictures narrow the margin, by the cube of their number since the last late one: by the
 # least step in 500, so that 1 picture in 500 is late, and by 8 ms in 1000.
 NARROWING = 4 * STEP_NS / 500**4
 MAX_COST_PERIODS = 4.0  # of a picture: slower ones say nothing about the next
-MAX_AHEAD_PERIODS = 1.5  # by which a compositor may require a picture earlier than others
 # The margin's limit where it requires none: no picture may be submitted earlier, so more margin
 # covers only late wake-ups. At 144 Hz, without this limit, every second vblank gets no picture.
 MAX_MARGIN_PERIODS = 1.25
@@ -187,7 +184,7 @@ class ScreenRefresh(Refresh):
 
     def earliest_ns(self, target_ns: int) -> int:
         """Before it, the picture would appear at the previous vblank."""
-        return int(target_ns - self.clock.period_ns + EARLY_NS - self._ahead_ns)
+        return int(target_ns - self.clock.period_ns + STEP_NS - self._ahead_ns)
 
     def add_eyes(self, source_seq: int, t_sensor_ns: int, t_eyes_ns: int) -> None:
         pass
@@ -219,7 +216,7 @@ class ScreenRefresh(Refresh):
             self._queued = 0
             self._margin_before_ns = self._margin_ns
         self._queued += vblanks > 0
-        if self._queued == MAX_QUEUED:
+        if self._queued == SOON:
             self._due_ns += round(vblanks * period_ns)
             self._margin_ns = self._margin_before_ns + 2 * STEP_NS
             self._changed_ns = t_presented_ns
@@ -231,9 +228,9 @@ class ScreenRefresh(Refresh):
             self._ahead_ns = max(self._ahead_ns - 2 * STEP_NS, 0.0)
         elif vblanks:
             step_ns = STEP_NS * (1 + (self._punctual <= SOON))
-            if t_handed_ns <= self.earliest_ns(target_ns) + EARLY_NS:
+            if t_handed_ns <= self.earliest_ns(target_ns) + STEP_NS:
                 # even the earliest submission was late: the compositor takes pictures ahead
-                self._ahead_ns = min(self._ahead_ns + step_ns, MAX_AHEAD_PERIODS * period_ns)
+                self._ahead_ns = min(self._ahead_ns + step_ns, MAX_MARGIN_PERIODS * period_ns)
             self._margin_ns += step_ns * max(1.0, self._cost_ns / period_ns)
         else:
             self._margin_ns -= NARROWING * self._punctual**3

@@ -1,6 +1,6 @@
-"""A window with the program's name, until that of a session is there, or its parent has ended:
+"""A window with a title, until that of a session is there, or its parent has ended:
 
-python -m lfpipe.render.display.splash SESSION
+python -m lfpipe.render.display.splash SESSION TITLE window|fullscreen
 """
 
 import contextlib
@@ -8,12 +8,12 @@ import sys
 import threading
 import time
 
+from lfpipe.render.display.display import BACK, SECOND, TEXT
 from lfpipe.render.display.window_system import icon, pygame, start, written
 from lfpipe.transport.control import Session
 from lfpipe.transport.status import State, Table
 
 SIZE_PX = 640, 360
-BACK, TEXT, SECOND = (18, 21, 26), (255, 255, 255), (180, 190, 201)
 WAIT_S = 0.05
 
 
@@ -24,17 +24,20 @@ def shows(session: Session) -> bool:
     return False
 
 
-def main(name: str) -> None:
+def main(name: str, title: str, display: str) -> None:
     start()
     pygame.font.init()
-    window = pygame.Window("lfpipe", SIZE_PX)
+    is_full = display == "fullscreen"
+    window_px = pygame.display.get_desktop_sizes()[0] if is_full else SIZE_PX
+    window = pygame.Window(title, window_px, fullscreen_desktop=is_full)
     window.set_icon(icon())
+    pygame.mouse.set_visible(not is_full)
     surface = window.get_surface()
     surface.fill(BACK)
-    middle = SIZE_PX[0] // 2
-    for text, y, size_px, colour in (("lfpipe", 140, 48, TEXT), ("Opening ...", 210, 24, SECOND)):
-        words = written(text, size_px, colour, size_px > 24)
-        surface.blit(words, words.get_rect(center=(middle, y)))
+    middle, unit_px = surface.get_rect().center, surface.get_height() // 15
+    for text, y, size_px, colour in ((title, -1, 2, TEXT), ("Opening ...", 2, 1, SECOND)):
+        words = written(text, size_px * unit_px, colour, size_px > 1)
+        surface.blit(words, words.get_rect(center=(middle[0], middle[1] + y * unit_px)))
     session = Session(name)
     parent = threading.Thread(target=sys.stdin.read, daemon=True)  # it ends with the parent
     parent.start()
@@ -46,4 +49,4 @@ def main(name: str) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(*sys.argv[1:])

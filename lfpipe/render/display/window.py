@@ -17,7 +17,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.codecs import fit_area
 from lfpipe.host.presentation import Presented
 from lfpipe.render.display import window_system
-from lfpipe.render.display.display import Display, Event, Overlay
+from lfpipe.render.display.display import PICTURE_MM, Display, Event, Overlay
 from lfpipe.render.display.monitors import find_monitor, monitors
 from lfpipe.render.display.painters import Panel, open_painter
 from lfpipe.render.display.window_system import open_presentation, pygame
@@ -71,7 +71,6 @@ class Zoom:
         return slice(top, top + high), slice(left, left + wide)
 
 
-USUAL_MM = 531.0  # width of a 24-inch screen of 16:9, for monitors that report no size
 # least height of a line of text: its letters have 15 px; and its share of the monitor's height: 17
 # px on one of 1080 rows, as elsewhere on a desktop
 TEXT_PX = 20
@@ -269,7 +268,7 @@ class ScreenWindow(Display):
         if self.monitor.pixel_mm:
             return shown_px * self.monitor.pixel_mm
         scaled = self._painter.size_px()[0] / self._window.size[0]
-        return shown_px / (self.monitor.width * scaled) * USUAL_MM
+        return shown_px / (self.monitor.width * scaled) * PICTURE_MM
 
     def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
         """Returns the time at which the window system accepted the picture."""

@@ -49,17 +49,16 @@ from lfpipe.render.ui.settings import (
     Settings,
     user_folder,
 )
-from lfpipe.render.viewer.mouse_look import MouseLook
+from lfpipe.render.viewer.mouse_look import STEP, MouseLook
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.scene.pack import DEMOS
 from lfpipe.transport.context import Context
 from lfpipe.transport.control import Answer
-from lfpipe.transport.ring import SECOND_NS, now_ns
+from lfpipe.transport.ring import now_ns
 
 LOOKING = {VIEWERS["mouse"]: "Move the mouse to look around"}  # name of a viewer -> notice
 TURNS = Item("◀", Event("previous")), Item("▶", Event("next"))  # of a locked window
 MAX_EVENTS = 16  # at once: more than a person presses between two refreshes
-HINT_NS = 6 * SECOND_NS  # after the user has looked at the scene
 
 
 class Ui:
@@ -107,7 +106,7 @@ class Ui:
         if options.start and first:
             self._waiting = self.pages["choose"]
         if not (options.lock_code or self.page or self._waiting):
-            self.notices.show("hint", HINT, HINT_NS)
+            self.notices.show("hint", HINT, ASKED_NS)
         self._changes.show_doubts()
         self._set_overlay(now_ns())  # keys that are pressed now are for the menu
 
@@ -266,7 +265,6 @@ class Ui:
 # key.
 
 Action = Callable[[Ui, Event], None]
-ALPHA_FACTOR = 1.1  # hardly visible at once, twice the parallax in seven steps
 
 
 def _recentre(ui: Ui, _event: Event) -> None:
@@ -344,8 +342,8 @@ ACTIONS: Mapping[str, Action] = {
     "mode": lambda ui, _: ui.settings.next_mode(),
     "depth+": lambda ui, _: ui.settings.move_zero_plane(1),
     "depth-": lambda ui, _: ui.settings.move_zero_plane(-1),
-    "alpha+": lambda ui, _: ui.settings.scale_alpha(ALPHA_FACTOR),
-    "alpha-": lambda ui, _: ui.settings.scale_alpha(1 / ALPHA_FACTOR),
+    "alpha+": lambda ui, _: ui.settings.scale_alpha(STEP),
+    "alpha-": lambda ui, _: ui.settings.scale_alpha(1 / STEP),
     "automatic": lambda ui, _: ui.settings.automatic(),
     "swap": lambda ui, _: ui.settings.swap_eyes(),
     "invert-depth": lambda ui, _: ui.settings.invert_depth(),

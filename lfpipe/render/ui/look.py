@@ -9,19 +9,14 @@ from functools import lru_cache
 
 import attrs
 
-from lfpipe.render.display.display import NO_EVENT, Event, Item
+from lfpipe.render.display.display import ACCENT, BACK, NO_EVENT, SECOND, TEXT, Event, Item
 from lfpipe.render.display.window_system import pygame, written
 
 Colour = tuple[int, int, int] | tuple[int, int, int, int]
 Place = tuple[int, int]
-TEXT = (255, 255, 255)
-SECOND = (180, 190, 201)
-OFF = (124, 132, 142)
 DARK = (9, 22, 26)  # letters on ACCENT
 AMBER = (255, 196, 84)
-ACCENT = (53, 196, 215)
-RED = (255, 90, 90)
-PANEL = (18, 21, 26, 232)  # over white, second text still has 7 : 1
+PANEL = (*BACK, 232)  # over white, second text still has 7 : 1
 BORDER = (58, 62, 68, 240)  # visible on black
 CARD = (31, 35, 41, 238)
 HOVERED = (56, 61, 68, 242)

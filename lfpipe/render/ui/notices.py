@@ -16,7 +16,7 @@ from lfpipe.transport.status import State, rate_hz, summary_ms
 COMMAND = re.compile(r"`|--|lfpipe |\b[a-z]+\.[a-z_]+=|/")  # of a terminal
 LONG_MS, CAMERA_HZ = 150.0, 30.0  # full bars
 SHOWN_NS = 2 * SECOND_NS  # reading a line takes 1 s
-ASKED_NS = 8 * SECOND_NS  # how long a question stays
+ASKED_NS = 8 * SECOND_NS  # how long a question, a path and a hint stay
 DRAG = "Put on the glasses, and drag over the picture to look around"
 INVITATION = "Put on the glasses and stand in front of the screen"
 USE_CAMERA = Item("Use my camera", Event("look", "camera"), main=True)

@@ -17,23 +17,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.files.codecs import fit_area
-from lfpipe.render.display.display import NO_EVENT, Event, Item, Menu, Notice, Overlay
+from lfpipe.render.display.display import (
+    ACCENT,
+    NO_EVENT,
+    OFF,
+    RED,
+    SECOND,
+    TEXT,
+    Event,
+    Item,
+    Menu,
+    Notice,
+    Overlay,
+)
 from lfpipe.render.display.painters import Panel
 from lfpipe.render.display.window_system import drawable, font, pygame, written
 from lfpipe.render.ui.keys import ACTION_OF, CLOSE, GROUP_OF, LABELS, USED
 from lfpipe.render.ui.look import (
-    ACCENT,
     AMBER,
     BORDER,
     CARD,
     CONTROL_UNITS,
     DARK,
     NO_HIGHLIGHT,
-    OFF,
     PRESSED,
-    RED,
-    SECOND,
-    TEXT,
     Highlight,
     Place,
     badge,
@@ -67,18 +74,15 @@ TURNS = Item("◀", Event("pageup")), Item("▶", Event("pagedown"))  # to other
 PRESSED_OR_NOT = (pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP)
 EDGE_PX = 16  # from the window's edge
 GAP_PX = 8  # between two panels
-SMALLEST_TEXT_PX = 11  # of a line, where a small window shows all keys
-ANY_PX = 1 << 16  # room without a limit
-MIN_MENU_PX = 12  # of a menu in a window below 450 px, where every item must be reachable
+SMALLEST_TEXT_PX = 11  # where a small window shows all keys, or every item of a menu
 COLUMN_UNITS = 4  # between two columns of text
 COLUMN_LETTERS = 6  # least width of a column over the height of its lines: two words
-# of the window that lines of text may take: the picture below stays visible
-TEXT_SHARE = 0.94
+TEXT_SHARE = 0.94  # of the window that pages may take: the picture below stays visible
 HEADING = 1.25  # size of a title over that of its text
 SLIDER_CELLS = 2  # width of a slider over that of an entry: a pixel is about a percent
-# Of the window, a menu at most; over the size of its letters, the least width of a tile, the width
-# of a menu of rows, and that of a bar of a value
-MENU_SHARE, TILE_LETTERS, ROW_LETTERS, VALUE_LETTERS = 0.92, 9, 26, 8
+# Over the size of letters, the least width of a tile, the width of a menu of rows, and that of a
+# bar of a value
+TILE_LETTERS, ROW_LETTERS, VALUE_LETTERS = 9, 26, 8
 TILE_SHAPE = 0.75  # height over width of a tile's picture: most cameras' views fill it
 CHIP_LETTERS = 12  # width of a progress over the size of letters: "measuring depth, 100 %" fits
 SMALL = 4  # over the height of the chips: below it, pages lie over them
@@ -121,7 +125,7 @@ def _draw_slider(surface: pygame.Surface, item: Item, rect: pygame.Rect, y: int,
     pygame.draw.aacircle(surface, SECOND if item.off else TEXT, (at, y), max(6, unit))
 
 
-def _pages(sizes: Iterable[Place], room_px: Place, gap: int) -> list[list[pygame.Rect]]:
+def _pages(sizes: Iterable[Place], room_px: tuple[int, float], gap: int) -> list[list[pygame.Rect]]:
     """Rectangles of those sizes beside each other, in as many rows and pages as they need."""
     pages = list[list[pygame.Rect]]([[]])
     x = y = bottom = 0
@@ -177,7 +181,7 @@ def _button_rects(items: Sequence[Item], text_px: int, room_px: int) -> list[pyg
         label = font(text_px, item.main).size(item.label)[0]
         least = 18 * unit * (item.slider is not None)
         sizes.append((max(label + key + 4 * unit, least), CONTROL_UNITS * unit))
-    return _pages(sizes, (room_px, ANY_PX), unit)[0]
+    return _pages(sizes, (room_px, math.inf), unit)[0]
 
 
 ICON_SHARE = 0.6  # of the usual place of an icon, at least: still larger than a fingertip needs
@@ -294,8 +298,8 @@ def menu_panel(
     """The page with the selected item, in the middle of a window of that size, below top_px. Tiles
     have the same size and places, however many there are.
     """
-    width, height = (round(MENU_SHARE * side) for side in (window_px[0], window_px[1] - top_px))
-    text_px = max(MIN_MENU_PX, min(text_px, width // 26))
+    width, height = (round(TEXT_SHARE * side) for side in (window_px[0], window_px[1] - top_px))
+    text_px = max(SMALLEST_TEXT_PX, min(text_px, width // 26))
     unit = unit_px(text_px)
     if all(item.row for item in menu.items):
         width = min(width, ROW_LETTERS * text_px)

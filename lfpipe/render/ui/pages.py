@@ -19,12 +19,13 @@ from lfpipe.config.check import check_focal, keep_focal
 from lfpipe.config.session_options import CameraViewer
 from lfpipe.config.session_options import Viewer as ViewerKind
 from lfpipe.eyes import EYES, EyesRecord
-from lfpipe.render.display.display import Event, Item, Menu, Overlay
+from lfpipe.render.display.display import ACCENT, BACK, OFF, RED, Event, Item, Menu, Overlay
 from lfpipe.render.presenter import Drawing, Presenter, draw_scene
 from lfpipe.render.synthesis.anaglyph import MATRICES, Pair, arrange_stereo_pair, encode
 from lfpipe.render.synthesis.compositor import Key, recipe_for
 from lfpipe.render.ui.notices import VIEWERS, metrics
 from lfpipe.render.ui.settings import Files, Settings
+from lfpipe.render.viewer.geometry import SEAT_MM as SEAT_MM
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring import SECOND_NS, Reader
@@ -215,15 +216,13 @@ class GlassesTest(Page):
         return instructions(self._context.config.render)
 
 
-NEAREST_CM, FARTHEST_CM, USUAL_MM = 10, 500, 600.0
+NEAREST_CM, FARTHEST_CM = 10, 500
 SLIDER_CM = 30, 150  # usual seats
 STEPS = {"alpha-": -1, "less": -1, "alpha+": 1, "more": 1}  # cm by event
 MEASURED_FRAMES = 45  # with a face: one and a half seconds
 SPREAD = 0.05  # limit of the interquartile range as a share of the median: the viewer moved
 RING = 1.6  # radius over the distance of the eyes: around the face
 BELOW = 0.4  # of the preview's height: the lines and buttons lie there
-# BGR, the eyes as the lenses of most glasses
-UNFILLED, RED, ACCENT, BACK = (110, 110, 110), (90, 90, 255), (215, 196, 53), (26, 21, 18)
 ACCEPT = Item("Accept", Event("enter"), main=True)
 AGAIN = Item("Again", Event("previous"))
 DONE = Item("Done", Event("close"), main=True)
@@ -301,11 +300,11 @@ def mirrored(
     eyes = [(round(drawn.shape[1] - 1 - x), round(y)) for x, y in eyes_px]
     middle = np.mean(eyes, axis=0).round().astype(int).tolist()
     radius_px = round(RING * math.dist(*eyes))
-    for share, colour in ((1.0, UNFILLED), (still, ACCENT)):
+    for share, colour in ((1.0, OFF), (still, ACCENT)):
         size = (radius_px, radius_px)
-        cv2.ellipse(drawn, middle, size, 0, -90, 360 * share - 90, colour, 4, cv2.LINE_AA)
-    for eye, colour in zip(eyes, (RED, ACCENT), strict=True):
-        cv2.circle(drawn, eye, max(4, radius_px // 12), colour, 2, cv2.LINE_AA)
+        cv2.ellipse(drawn, middle, size, 0, -90, 360 * share - 90, colour[::-1], 4, cv2.LINE_AA)
+    for eye, colour in zip(eyes, (RED, ACCENT), strict=True):  # as the lenses of most glasses
+        cv2.circle(drawn, eye, max(4, radius_px // 12), colour[::-1], 2, cv2.LINE_AA)
     return drawn
 
 
@@ -336,7 +335,7 @@ class CalibrationPage(Page):
         self._context = context
         self._files = files
         self._presenter = presenter
-        self.distance = Distance((context.options.calibrate_mm or USUAL_MM) / 10)
+        self.distance = Distance((context.options.calibrate_mm or SEAT_MM) / 10)
         self.is_stored = False
         """Whether what was accepted is stored and applies."""
         self._eyes = StillEyes()
@@ -397,5 +396,5 @@ class CalibrationPage(Page):
         drawn = mirrored(self._frame, eyes_px, self._eyes.share)
         below_px = round(BELOW * drawn.shape[0])
         edges = (0, below_px, 0, 0)
-        framed = cv2.copyMakeBorder(drawn, *edges, cv2.BORDER_CONSTANT, value=BACK)
+        framed = cv2.copyMakeBorder(drawn, *edges, cv2.BORDER_CONSTANT, value=BACK[::-1])
         return Drawing(np.asarray(framed, np.uint8), None)

@@ -164,7 +164,6 @@ ELAPSED_STEPS = 200
 ALONE_NS = 60 * SECOND_NS  # then the visitor is assumed to have left
 OTHER = Item("Open one", Event("open"), "l", main=True)
 OPEN = Item("Open a folder or file", Event("open"), icon="open", row=True, main=True)
-NOTES_NS = 6 * SECOND_NS
 # between two pictures of the camera: a motion is visible, and the scene keeps its rate
 CAMERA_NS = SECOND_NS // 5
 THUMBNAILS = Path(__file__).parent / "thumbnails"  # by tools.make_docs_pictures
@@ -222,7 +221,7 @@ class SceneLoader:
             return
         self.opening, self._steps = "", 0
         if note := answer.values.get("note"):
-            self._notices.show("note", note, NOTES_NS)
+            self._notices.show("note", note, ASKED_NS)
 
     def report(self, news: Message) -> None:
         """Sets the progress of a load requested by any client, or of the scene on the screen."""
@@ -249,7 +248,7 @@ class SceneLoader:
         """
         options = self._context.options
         for path in options.unusable.keys() - self._unusable.keys():
-            self._notices.show("unusable", f"Not shown: {options.unusable[path]}", NOTES_NS)
+            self._notices.show("unusable", f"Not shown: {options.unusable[path]}", ASKED_NS)
         self._unusable = options.unusable
         if self.opening or options.playlist_at != self._shown_at:
             self._shown_at, self._shown_ns = options.playlist_at, t_ns

@@ -215,7 +215,6 @@ class ChangeNotices:
 
 
 FLUSH_NS = 10 * SECOND_NS  # a slow disk may take as long to take the rest
-ENDED_NS = 8 * SECOND_NS  # time to read a path
 
 
 @attrs.define(eq=False)
@@ -269,7 +268,7 @@ class RecordingIndicator:
                 text, until_ns = f"Camera recorded, {length_s} s: {short(path)}", 0
             if t_ns >= until_ns:
                 self._ended = None
-                self._notices.show("record", text, ENDED_NS)
+                self._notices.show("record", text, ASKED_NS)
         before, self.status = self.status, f"{duration_s // 60}:{duration_s % 60:02}" * bool(folder)
         return self.status != before
 

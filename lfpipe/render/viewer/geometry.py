@@ -19,12 +19,11 @@ import attrs
 from lfpipe.config import Config, options
 from lfpipe.config.camera_pose import camera_focal_px
 from lfpipe.eyes import MIN_EYE_DISTANCE_PX
+from lfpipe.render.display.display import PICTURE_MM as PICTURE_MM
 from lfpipe.render.synthesis.viewpoint import zero_plane_px
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.source import Geometry
 
-# width of a picture that fills a 24 inch screen, used if the monitor size is unknown
-PICTURE_MM = 530.0
 SEAT_MM = 600.0  # assumed distance of the viewer until a face is seen
 DISTANCE = options()["screen.distance_mm"]
 # limits that most people fuse immediately: docs/comfort.md

@@ -24,8 +24,9 @@ from lfpipe.transport.ring import SECOND_NS, Stamp
 EASE_S = 0.06  # time constant of two cascaded low-passes: mouse motion becomes like head motion
 # transition back to the camera's eyes: after eight times EASE_S, the rest is invisible
 BACK_NS = SECOND_NS // 2
-# range of the wheel, from reading distance to across a room; its step is that of key +
-NEAR_MM, FAR_MM, STEP = 250.0, 4000.0, 1.1
+NEAR_MM, FAR_MM = 250.0, 4000.0  # range of the wheel, from reading distance to across a room
+# of the wheel, and of key +: hardly visible at once, twice the parallax in seven steps
+STEP = 1.1
 
 
 class MouseLook:

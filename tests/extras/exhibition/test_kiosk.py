@@ -37,6 +37,7 @@ def test_kiosk_moves_with_nobody_there_and_obeys_the_code_alone(
     process = world.up(
         scene, "--kiosk", camera=f"file:{world.root}/empty.avi", display="fullscreen"
     )
+    world.wait_for(lambda: screen.picture()[0, 0].tolist() == [26, 21, 18], "title, in full screen")
     world.wait_for(
         lambda: len({line["view"]["left"][1] for line in world.lines()}) > 20, "views in motion"
     )
