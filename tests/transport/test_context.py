@@ -9,6 +9,7 @@ import zmq
 
 from lfpipe.config import Config, SessionOptions
 from lfpipe.config.session_options import Live, Lossless
+from lfpipe.errors import UserError
 from lfpipe.host.files import Wake
 from lfpipe.supervisor.process_table import SOURCE, consumers
 from lfpipe.supervisor.session_state import SessionState, SessionStore
@@ -117,7 +118,10 @@ def test_context_wait_ends_at_the_stop_and_passes_other_commands_on(
         for word in ("recentre", "stop"):
             supervisor.send_multipart([name, control.encode({"cmd": word})])
         until(lambda: not context.wait(), "stop", 30)
-    assert [found for found, _ in context.commands()] == ["recentre"]
+        assert [found for found, _ in context.commands()] == ["recentre"]
+        context.answer({"number": 3}, UserError("no such file", "check its name"))
+        answer = control.decode(supervisor.recv_multipart()[1])
+        assert (answer["number"], answer["ok"], answer["error"]) == (3, False, "no such file")
 
 
 def test_context_wait_leaves_a_wake_for_the_stage(session: Session, make: Make) -> None:
@@ -162,6 +166,29 @@ def test_a_lossless_writer_is_a_few_slots_ahead_of_who_still_reads(
         eyes.begin()
         eyes.publish(published, 1, 1)
     assert asked == [True] * 12
+
+
+def test_a_successor_counts_what_its_predecessor_left(make: Make) -> None:
+    eyes = make("track", False).output("eyes")
+    render = make("render", False)
+    dies = render.input("eyes")
+    for number in range(6):
+        eyes.begin()
+        eyes.publish(number, 1, 1)
+        if number == 2:
+            dies.peek()
+            dies.done()
+    render.input("eyes").peek()
+    assert render.row["drops"] == 2 + 2
+
+
+def test_a_stage_that_sets_up_again_has_the_limits_of_its_start(make: Make) -> None:
+    context = make("render", False)
+    context.row["state"] = State.RUNNING
+    with pytest.raises(OSError), context.setting_up("opening the scene"):
+        assert context.row["state"] == State.STARTING
+        raise OSError
+    assert context.row["state"] == State.RUNNING
 
 
 def test_report_lost_counts_a_lost_output(make: Make) -> None:
