@@ -83,9 +83,6 @@ def _policy_stays() -> Iterator[None]:
         pytest.fail("the test gave its process another scheduling policy")
 
 
-LONGEST_PACKAGES = {"sweep"}  # first: at the end one worker would wait for the other
-
-
 def pytest_xdist_auto_num_workers() -> int:
     """One worker per physical core, and at least two: half of the time a test waits for a process
     it started.
@@ -98,11 +95,10 @@ SESSIONS = {"world", "live", "screen", "xvfb"}  # fixtures of real sessions and 
 
 @pytest.hookimpl(tryfirst=True)  # before `-m` chooses
 def pytest_collection_modifyitems(items: list[pytest.Function]) -> None:
-    """Long packages first. A test with a session is `live`, unless it is the one of its kind that
+    """A test with a session is `live`, unless it is the one of its kind that
     every run plays through (`everyday`) or runs at night alone; so does a test with a browser. What
     only Linux's own host has is skipped on the portable one.
     """
-    items.sort(key=lambda item: item.path.parent.name not in LONGEST_PACKAGES)
     for item in items:
         # an argument of a test may have the name of a fixture
         given = item.callspec.params if hasattr(item, "callspec") else {}

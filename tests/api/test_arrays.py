@@ -22,13 +22,12 @@ def cache(tmp_path: Path) -> dict[str, Any]:
 def test_open_scene_of_an_array_gives_the_pictures_of_its_files(
     tmp_path: Path, cache: dict[str, Any]
 ) -> None:
-    np.save(tmp_path / "a.npy", VIEWS)
     np.savez(tmp_path / "a.npz", views=VIEWS)
     files = lfpipe.open_scene(
         made.write_grid(tmp_path / "png", VIEWS),
         cache | {"scene.flip": "none", "scene.transpose": "no"},
     )
-    for scene in (VIEWS, tmp_path / "a.npy", tmp_path / "a.npz"):
+    for scene in (VIEWS, tmp_path / "a.npz"):
         field = lfpipe.open_scene(scene, cache)
         assert (field.rows, field.cols, field.method) == (2, 3, files.method)
         for place in ((0, 0), (1, 2), (0.5, 1.25)):

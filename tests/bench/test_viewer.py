@@ -1,6 +1,7 @@
 """`lfpipe bench viewer` in its short form: every metric is within its bound."""
 
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 
 import pytest
@@ -21,12 +22,13 @@ def check(tables: Iterator[Table]) -> None:
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.name)
 def test_no_figure_of_a_script_is_beyond_its_bound(script: Script) -> None:
+    """Of one in four also the pictures, which follow from the viewpoints."""
+    check(islice(script_tables([script], PICTURES[0]), 2 if script in SCRIPTS[::4] else 1))
     assert script.name in BOUNDS
-    check(script_tables([script], PICTURES[0]))
 
 
 def test_no_figure_of_a_scene_a_camera_or_a_screen_is_beyond_its_bound() -> None:
-    check(other_tables(phases=2))
+    check(other_tables(phases=1))
 
 
 @pytest.mark.live

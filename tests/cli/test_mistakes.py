@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from lfpipe import cli
 from tests.support.world import World
 
 
@@ -25,12 +26,19 @@ from tests.support.world import World
         (("up", "--demo", "--duration", "nan"), "nan is not a finite number"),
     ],
 )
-@pytest.mark.everyday
 def test_cli_names_a_slip_with_its_remedy(
-    words: tuple[str, ...], remedy: str, world: World
+    words: tuple[str, ...],
+    remedy: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
-    assert remedy in world.refused(*words)
-    assert not Path(world.root, "lfpipe-demo").exists() and not world.left()
+    for name in ("LFPIPE_RUN_DIR", "XDG_CACHE_HOME"):
+        monkeypatch.setenv(name, str(tmp_path))
+    monkeypatch.setattr(sys, "argv", ["lfpipe", *words])
+    with pytest.raises(SystemExit, match="2"):
+        cli.run()
+    assert remedy in capfd.readouterr().err and not list(tmp_path.iterdir())
 
 
 def test_cli_into_a_closed_pipe_ends_quietly(world: World) -> None:

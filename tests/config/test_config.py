@@ -152,7 +152,7 @@ def usable(made: Config) -> None:
     assert read(tomllib.loads(commented(made).encode().decode())) == made
 
 
-@examples(120)
+@examples(60)
 @example(sets={"render": {}}, live=True)
 @example(sets={"render": {"alpha_px": 3}}, live=True)
 @example(sets={"": 1}, live=True)

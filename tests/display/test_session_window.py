@@ -56,11 +56,7 @@ def test_session_window_shows_the_views_of_the_trace(
         world.ctl("resume")  # both eyes beyond the edge see the same view
     else:
         pytest.fail("the eyes see the same view: this test shows nothing")
-    for exchange in (
-        lambda word: world.ctl("set", f"scene.invert_depth={word}"),
-        lambda _: press("d"),
-    ):
-        _exchange_near_and_far(world, screen, exchange)
+    _exchange_near_and_far(world, screen, functools.partial(press, "d"))
     world.ctl("resume")
     for key, changed in (("plus", 22.0), ("minus", 20.0)):
         press(key)
@@ -85,13 +81,13 @@ def test_session_window_shows_the_views_of_the_trace(
     assert not world.left()
 
 
-def _exchange_near_and_far(world: World, screen: Screen, exchange: Callable[[str], object]) -> None:
+def _exchange_near_and_far(world: World, screen: Screen, press_d: Callable[[], object]) -> None:
     """In a paused session that is resumed for it; the same viewpoints then show the opposite views.
 
     Back again.
     """
     for word, last in (("yes", 2.0), ("no", 0.0)):
-        exchange(word)
+        press_d()
         world.wait_for(
             lambda word=word: world.monitor()["config"]["scene"]["invert_depth"] == word, word
         )

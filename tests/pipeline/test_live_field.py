@@ -77,18 +77,15 @@ def test_session_shows_views_and_their_disparity(world: World, views: Path) -> N
 
 
 @pytest.mark.live
-@pytest.mark.parametrize("disparity", ["", "disparity"])
-def test_session_keeps_the_last_picture_of_a_program_and_finds_it_again(
-    world: World, disparity: str
-) -> None:
+def test_session_keeps_the_last_picture_of_a_program_and_finds_it_again(world: World) -> None:
     name = world.name
-    program = started(world, disparity)
+    program = started(world, "disparity")
     session = world.shows(Path(f"live:ring:{name}"), pictures=30)
     program.kill()
     program.wait()
     world.more_pictures(60)  # the viewer still moves in front of the last frame
     world.wait_for(lambda: world.monitor()["stages"]["views"]["state"] == "READY", "the loss")
-    program = started(world, disparity)
+    program = started(world, "disparity")
     before = world.monitor()["stages"]["views"]["count"]
     world.wait_for(lambda: world.monitor()["stages"]["views"]["count"] > before + 20, "its return")
     program.terminate()
@@ -101,10 +98,9 @@ def test_session_keeps_the_last_picture_of_a_program_and_finds_it_again(
 
 
 @pytest.mark.live
-@pytest.mark.parametrize("mode", ["grid", "eyes"])
-def test_example_draws_a_live_scene(world: World, mode: str) -> None:
+def test_example_draws_a_live_scene(world: World) -> None:
     example = Path(__file__).parents[2] / "examples" / "live_scene.py"
-    command = [sys.executable, str(example), mode]
+    command = [sys.executable, str(example), "eyes"]
     program = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=world.env)
     try:
         assert program.stdout is not None and "lfpipe up" in program.stdout.readline()

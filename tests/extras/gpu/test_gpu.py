@@ -99,7 +99,7 @@ def test_the_shader_draws_what_the_processor_draws(gpu: Gpu, case: str) -> None:
     assert worst_db(gpu, field, Render(method="warp2"), scale) >= ALIKE_DB
 
 
-@pytest.mark.parametrize("anaglyph", rendered.OUTPUTS)
+@pytest.mark.parametrize("anaglyph", ["dubois", "half-colour", "side-by-side", "row-interleaved"])
 def test_every_output_is_that_of_the_processor(gpu: Gpu, anaglyph: Anaglyph) -> None:
     for light, compensation in (("linear", 40.0), ("gamma", 0.0)):
         how = Render(
