@@ -141,7 +141,7 @@ class Trace(Listener):
 
     def presented(self, presentation: Presentation) -> None:
         if presentation.eyes is not None and self._file is not None:
-            self._file.write(trace_line(presentation, self._viewer.method, self._level))
+            self._file.write(trace_line(presentation, self._viewer.compositor.method, self._level))
 
     def close(self) -> None:
         if self._file is not None:
@@ -179,7 +179,15 @@ class TapMessages(Listener):
                 self._emit("viewer", state=self._state.word)
             if self._options.pictures and presentation.t_handed_ns >= self._look_due_ns:
                 self._look_due_ns = presentation.t_handed_ns + BEAT_NS
-                self._emit_look(presentation)
+                eyes_px, field = presentation.viewpoints.eyes_px, viewer.field
+                self._emit(
+                    "look",
+                    face=presentation.face,
+                    eyes_px=[list(eyes_px[:2]), list(eyes_px[2:])],
+                    grid=[field.rows, field.cols],
+                    alpha_px=viewer.solver.alpha_px if viewer.solver else 0.0,
+                    centre_px=list(viewer.solver.centre_px) if viewer.solver else [0.0, 0.0],
+                )
         parallax = viewer.parallax
         if parallax is None or isinstance(self._options.clock, Lossless):  # nobody watches a replay
             return
@@ -190,19 +198,6 @@ class TapMessages(Listener):
             self._was_seated = True
             if not isinstance(self._options.viewer, MouseViewer):  # its distance is assumed
                 self._emit("notice", text=parallax.summary)
-
-    def _emit_look(self, presentation: Presentation) -> None:
-        field = self._viewer.field
-        solver = self._viewer.solver
-        eyes_px = presentation.viewpoints.eyes_px
-        self._emit(
-            "look",
-            face=presentation.face,
-            eyes_px=[list(eyes_px[:2]), list(eyes_px[2:])],
-            grid=[field.rows, field.cols],
-            alpha_px=solver.alpha_px if solver else 0.0,
-            centre_px=list(solver.centre_px) if solver else [0.0, 0.0],
-        )
 
 
 # The ring of pictures, for previews and exports.

@@ -108,9 +108,7 @@ class LiveInput:
         live = self._live
         if live.rows * live.cols <= MANY_VIEWS:
             return list(np.ndindex(live.rows, live.cols))
-        near = views_of(pairs_in_need(live, positions))
-        rows = [view[0] for view in near]
-        cols = [view[1] for view in near]
+        rows, cols = zip(*views_of(pairs_in_need(live, positions)), strict=True)
         return [
             (row, col)
             for row in range(max(min(rows) - 1, 0), min(max(rows) + 2, live.rows))

@@ -74,7 +74,7 @@ from lfpipe.transport.ring import MS_NS, SECOND_NS, Stamp, now_ns
 from lfpipe.transport.status import ENDED
 
 if TYPE_CHECKING:
-    from lfpipe.render.display.window import OverlayView
+    from lfpipe.render.ui.overlay_view import OverlayView
 
 logger = logging.getLogger(__name__)
 TRACK = "track"  # the stage that writes the ring "eyes" unless the mouse is the viewer
@@ -426,8 +426,15 @@ class RenderStage:
         elif (self._config, self._share) != drawn:
             self._viewer.set_quality(self._config, self._share)
             self._presenter.redraw()
-        if self._options.viewer.source != options.viewer.source:
-            self._exchange_viewer()
+        if self._options.viewer.source != options.viewer.source:  # the eyes come from another
+            viewer = self._options.viewer
+            self._eyes.source.forget()
+            if self._mouse.ring is not None:
+                self._mouse.ring.close()
+            self._mouse.exchange(isinstance(viewer, MouseViewer))
+            self._follow_mouse()
+            self._viewer.exchange(isinstance(viewer, MouseViewer | RecordedEyes))
+            self._presenter.redraw()
         for listener in self._listeners:
             listener.set_options(self._options)
         context.ack_config()
@@ -462,18 +469,6 @@ class RenderStage:
             self._context.answer(message)
         except UserError as error:
             self._context.answer(message, error)
-
-    def _exchange_viewer(self) -> None:
-        """Takes the eyes from another source."""
-        viewer = self._options.viewer
-        is_mouse = isinstance(viewer, MouseViewer)
-        self._eyes.source.forget()
-        if self._mouse.ring is not None:
-            self._mouse.ring.close()
-        self._mouse.exchange(is_mouse)
-        self._follow_mouse()
-        self._viewer.exchange(isinstance(viewer, MouseViewer | RecordedEyes))
-        self._presenter.redraw()
 
     def _follow_mouse(self) -> None:
         """Records the mouse where it is the viewer; capture records cameras."""

@@ -84,7 +84,7 @@ def test_viewer_draws_what_the_screen_shows_and_never_waits_for_it() -> None:
         assert viewer.compositor.size_px == (50, 60)
         viewer.set_quality(attrs.evolve(viewer.config, render=Render(method="nearest")), share=0.5)
         preparer.submit(int).result()
-        assert viewer.update_compositor() and viewer.method == "nearest"
+        assert viewer.update_compositor() and viewer.compositor.method == "nearest"
         assert viewer.compositor.size_px == (25, 30)
         shown.append((2000, 2400))  # nothing is drawn larger than it is
         viewer.set_quality(viewer.config)

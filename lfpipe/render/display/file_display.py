@@ -104,9 +104,8 @@ class FileDisplay(Display):
         return t_ns
 
     def notices(self) -> list[DisplayNotice]:
-        notices = self._notices
-        self._notices = []
-        return notices
+        taken, self._notices = self._notices, []
+        return taken
 
     def close(self) -> None:
         while self._thread.is_alive():

@@ -14,7 +14,7 @@ from lfpipe.plugins import DISPLAYS, load, make, plugins
 from lfpipe.render.display.display import Display, NoDisplay
 
 if TYPE_CHECKING:
-    from lfpipe.render.display.window import OverlayView
+    from lfpipe.render.ui.overlay_view import OverlayView
 
 HINT = "h shows the keys, g tests your glasses"
 FORMS = "window, fullscreen, none or file:OUT.mkv (or .mp4)"

@@ -11,7 +11,6 @@ from lfpipe.transport.ring import MS_NS, SECOND_NS
 SLACK = 0.2  # of a period, at most 3 ms: tolerated lateness of eyes
 # of each frame in phase and period: 20 frames, over which jitter of stamps averages out
 GAIN = 0.05
-LARGEST_STEP = 0.01  # of a period
 NEAR_RATIO = 0.01  # tolerance of the ratio of both rates to a whole number
 COST_SHARE = 0.1  # weight of the newest in the running mean of a picture's cost
 SPARE_NS = MS_NS  # additional lead of composing
@@ -81,15 +80,11 @@ class Refresh:
         if round(ratio) < 1 or abs(ratio - round(ratio)) > NEAR_RATIO * ratio:
             return
         slack_ns = min(SLACK * self._period_ns, 3 * MS_NS)
-        late_ns = (t_eyes_ns + slack_ns + self.lead_ns() - self.due_ns()) % self._period_ns
-        if late_ns > self._period_ns / 2:
-            late_ns -= self._period_ns
-        if not self._locked:  # nothing is visible yet: shift at once
-            self._locked = True
-            self._due_ns += late_ns
-            return
-        largest_ns = LARGEST_STEP * self._period_ns
-        self._due_ns += min(max(GAIN * late_ns, -largest_ns), largest_ns)
+        half_ns = self._period_ns / 2
+        late_ns = t_eyes_ns + slack_ns + self.lead_ns() - self.due_ns()
+        late_ns = (late_ns + half_ns) % self._period_ns - half_ns
+        self._due_ns += GAIN * late_ns if self._locked else late_ns  # first, nothing is visible yet
+        self._locked = True
 
 
 # phase within a few vblanks; period over a hundred: some servers report whole ms

@@ -7,7 +7,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Sequence
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import attrs
 import numpy as np
@@ -22,6 +22,9 @@ from lfpipe.render.display.monitors import find_monitor, monitors
 from lfpipe.render.display.painters import Panel, open_painter
 from lfpipe.render.display.window_system import open_presentation, pygame
 from lfpipe.render.synthesis.anaglyph import Pair, arrange_stereo_pair
+
+if TYPE_CHECKING:
+    from lfpipe.render.ui.overlay_view import OverlayView
 
 STEP = 1.2  # of the factor for a step of the wheel: four double it
 MOST = 8.0  # a pixel of the scene is then as large as a letter
@@ -104,29 +107,6 @@ def letters_px(monitor_px: int) -> float:
 LEAVE_FULLSCREEN = Event("leave-fullscreen")  # Esc where it closes nothing
 
 
-class OverlayView(Protocol):
-    """Draws an overlay, and maps keys and the mouse to events."""
-
-    @property
-    def has_pointer(self) -> bool:
-        """Whether there is something to point at."""
-
-    def set(self, overlay: Overlay) -> None:
-        """Replaces the overlay."""
-
-    def panels(self, window_px: tuple[int, int], text_px: int) -> Sequence[Panel]:
-        """The panels, the topmost last; equal calls return the same ones.
-
-        window_px: (width, height).
-        """
-
-    def key(self, key: str) -> Event | None:
-        """The event of a key: a letter, or a value of NAMES; None for nothing."""
-
-    def mouse(self, event: pygame.Event, at_px: tuple[int, int]) -> Event | None:
-        """The event of the mouse or a touch; None for nothing. at_px: the pointer."""
-
-
 class ScreenWindow(Display):
     """A resizable or full-screen window. `show` submits a picture at once; `presented` reports
     when the screen showed it.
@@ -139,7 +119,7 @@ class ScreenWindow(Display):
         self,
         size_px: tuple[int, int],
         title: str,
-        view: OverlayView,
+        view: "OverlayView",
         fullscreen: bool = False,
         monitor: str = "",
         code: str = "",

@@ -170,8 +170,10 @@ def _handles(window: pygame.Window) -> tuple[int, int, int]:
 def connection_fds(window: pygame.Window) -> tuple[int, ...] | None:
     """The descriptor that can be read when the window has events; None if it is unknown."""
     system, display, _ = _handles(window)
-    names = {_X11: ("libX11.so.6", "XConnectionNumber")}
-    names |= {_WAYLAND: ("libwayland-client.so.0", "wl_display_get_fd")}
+    names = {
+        _X11: ("libX11.so.6", "XConnectionNumber"),
+        _WAYLAND: ("libwayland-client.so.0", "wl_display_get_fd"),
+    }
     if system not in names or not display:
         return None
     library, name = names[system]

@@ -233,8 +233,6 @@ class Compositor:
     ) -> None:
         self.method = method_for(field, render.method)
         render = settings_for_scene(field, self.method, render)
-        self._anaglyph = render.anaglyph
-        self._frames = field.frames
         self.size_px = size_px or (field.width_px, field.height_px)
         """(width, height) of its pictures."""
         self._render = render
@@ -249,7 +247,6 @@ class Compositor:
         if render.anaglyph in TWO_VIEWS:
             self.pair = np.empty_like(self._picture), np.empty_like(self._picture)
         self._reach = extrapolation_views(self.method, render)
-        self._last = (field.rows - 1, field.cols - 1)
         self._take_depth()
 
     def _make_painter(self, gpu: Painters | None) -> Painter:
@@ -293,13 +290,13 @@ class Compositor:
         """The key of the picture for (row, col) viewpoints of the eyes: equal keys mean equal
         pictures, which need not be drawn again. frame: of light-field video, modulo its length.
         """
-        last_row, last_col = self._last
-        if self._anaglyph == "mono":
+        last_row, last_col = self.field.rows - 1, self.field.cols - 1
+        if self._render.anaglyph == "mono":
             left = right = (left[0] + right[0]) / 2, (left[1] + right[1]) / 2
         row = self._rounded(left[0], last_row)
         right_row = row if right[0] == left[0] else self._rounded(right[0], last_row)
         return (
-            frame % self._frames,
+            frame % self.field.frames,
             (row, self._rounded(left[1], last_col)),
             (right_row, self._rounded(right[1], last_col)),
         )
@@ -321,7 +318,9 @@ class Compositor:
         for position, whole in zip((left, right), self.pair, strict=True):
             self._paint(frame, (position, position), whole)
         height, width = self._picture.shape[:2]
-        return arrange_stereo_pair(self.pair, self._anaglyph, (width, height), out=self._picture)
+        return arrange_stereo_pair(
+            self.pair, self._render.anaglyph, (width, height), out=self._picture
+        )
 
     def prepare(self, left: Position, right: Position, frame: int = 0) -> None:
         """Builds, in the calling thread alone, what the picture for two viewpoints needs."""

@@ -159,12 +159,13 @@ class Ui:
 
     def handle(self, answer: Answer) -> None:
         """Handles the answer to a request of the window."""
-        if answer.cmd == "set":
-            self.settings.answered()
-        if answer.cmd == "record":
-            self.recording.answered()
-        if answer.cmd == "load":
-            self.scenes.handle(answer)
+        handlers: Mapping[str, Callable[[Answer], None]] = {
+            "set": self.settings.answered,
+            "record": self.recording.answered,
+            "load": self.scenes.handle,
+        }
+        if answer.cmd in handlers:
+            handlers[answer.cmd](answer)
         if not answer.ok and not answer.values.get("replaced"):
             text = for_window(answer.error, answer.remedy)
             way_out = (USE_MOUSE,) * (answer.cmd == "viewer")
@@ -194,10 +195,7 @@ class Ui:
     def pass_on_notices(self) -> None:
         """Emits the display's notices."""
         for notice in self._display.notices():
-            if notice.lost:
-                self.context.report_lost(notice.text)
-            else:
-                self.context.notify(notice.text)
+            (self.context.report_lost if notice.lost else self.context.notify)(notice.text)
 
     def _set_overlay(self, t_ns: int) -> None:
         if self._waiting is not None and self.page is None:
@@ -233,10 +231,12 @@ class Ui:
         """What visitors see in a locked window."""
         options = self.context.options
         scene = Path(options.playlist[options.playlist_at])
-        title, text = caption(scene, self.viewer.field.name)
         several = len(options.playlist) > 1
         return Overlay(
-            caption=(title, text, *(notice.text for notice in standing)),
+            caption=(
+                *caption(scene, self.viewer.field.name),
+                *(notice.text for notice in standing),
+            ),
             items=TURNS if several else (),
             elapsed=self.scenes.elapsed if several and options.every_s else None,
         )

@@ -693,8 +693,8 @@ class OverlayView:
     @property
     def has_pointer(self) -> bool:
         """Whether the pointer has a target."""
-        has_items = self._overlay.menu is not None or bool(self._overlay.items)
-        return has_items or self._bar_from_s < math.inf
+        has_page = self._overlay.menu is not None or self._bar_from_s < math.inf
+        return has_page or bool(self._overlay.items)
 
     def _highlight_of(self, *items: Item) -> Highlight:
         """What is lit of some items: the others need not be drawn again."""

@@ -136,11 +136,6 @@ GHOST_STEPS = {"more": 5.0, "less": -5.0}  # by event, %: the smallest visible c
 CHECKED = ("swap_eyes", "ghost_compensation")  # what a test of glasses may change
 
 
-def draw_glasses_test(viewer: Viewer, key: Key) -> Drawing:
-    """The test of the glasses in place of the scene, as large as the scene's pictures."""
-    return Drawing(*glasses_test(viewer.config.render, viewer.compositor.size_px))
-
-
 class Page:
     """A page that can be opened and closed many times. stays: whether it remains when something
     else in the bar is chosen.
@@ -196,7 +191,12 @@ class GlassesTest(Page):
 
     def open(self) -> None:
         self._before = self._settings.render
-        self._presenter.draw_by(draw_glasses_test)
+        # in place of the scene, as large as the scene's pictures
+        self._presenter.draw_by(
+            lambda viewer, _: Drawing(
+                *glasses_test(viewer.config.render, viewer.compositor.size_px)
+            )
+        )
 
     def close(self) -> None:
         self._presenter.draw_by(draw_scene)
@@ -239,11 +239,11 @@ class Distance:
 
     def take(self, event: Event) -> bool:
         """Follows an event; returns whether it is one of its own."""
-        if event.name in STEPS:
-            self.set(self.cm + STEPS[event.name])
-        elif event.name == "distance":
-            low, high = SLIDER_CM
+        low, high = SLIDER_CM
+        if event.name == "distance":
             self.set(low + round(event.value * (high - low)))
+        else:
+            self.set(self.cm + STEPS.get(event.name, 0))
         return event.name in (*STEPS, "distance")
 
     @property
@@ -263,12 +263,12 @@ def median_of(eye_distance_px: Collection[float]) -> tuple[float, bool]:
     return median, high - low <= SPREAD * median > 0
 
 
+@attrs.define(eq=False)
 class StillEyes:
     """Eye distances in px while the head is still."""
 
-    def __init__(self) -> None:
-        self._px: deque[float] = deque(maxlen=MEASURED_FRAMES)
-        self.has_face = False
+    _px: deque[float] = attrs.field(factory=lambda: deque(maxlen=MEASURED_FRAMES))
+    has_face: bool = False
 
     def add(self, eye_distance_px: float | None) -> None:
         """Takes the distance in the next frame, None without a face."""
@@ -394,7 +394,6 @@ class CalibrationPage(Page):
     def _draw(self, _viewer: Viewer, _key: Key) -> Drawing:
         eyes_px = self._record["raw_px"].tolist() if self._eyes.has_face else []
         drawn = mirrored(self._frame, eyes_px, self._eyes.share)
-        below_px = round(BELOW * drawn.shape[0])
-        edges = (0, below_px, 0, 0)
+        edges = 0, round(BELOW * drawn.shape[0]), 0, 0
         framed = cv2.copyMakeBorder(drawn, *edges, cv2.BORDER_CONSTANT, value=BACK[::-1])
         return Drawing(np.asarray(framed, np.uint8), None)

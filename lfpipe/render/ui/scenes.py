@@ -71,13 +71,10 @@ def list_folder(folder: Path | None) -> Content:
     files = sorted(
         (name for name in names if name.lower().endswith((*HOLDS_ALL, *PICTURES))), key=natural
     )
-    kinds = Counter(_kind(name) for name in files)
-    scenes = [name for name in files if name.lower().endswith(WHOLE) or kinds[_kind(name)] < VIEWS]
+    kind = {name: re.sub(r"\d+", "", name) for name in files}
+    count = Counter(kind.values())
+    scenes = [name for name in files if name.lower().endswith(WHOLE) or count[kind[name]] < VIEWS]
     return Content(folder, sorted(folders, key=natural), scenes, len(files) - len(scenes))
-
-
-def _kind(name: str) -> str:
-    return re.sub(r"\d+", "", name)
 
 
 def folder_menu(content: Content, pictures: Mapping[str, "Seen"]) -> Menu:

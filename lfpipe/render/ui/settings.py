@@ -28,6 +28,7 @@ from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.scene.lightfield import HARDLY_FIT, remember, undecided
 from lfpipe.sequence.folder import MANIFEST
 from lfpipe.transport.context import Context
+from lfpipe.transport.control import Answer
 from lfpipe.transport.ring import SECOND_NS
 
 T = TypeVar("T")
@@ -87,7 +88,7 @@ class Settings:
         self._asked |= values
         self._context.request("set", set={f"render.{key}": value for key, value in values.items()})
 
-    def answered(self) -> None:
+    def answered(self, _answer: Answer | None = None) -> None:
         """Takes the answer to a change: it is applied now, or refused."""
         self._asked.clear()
 
@@ -102,8 +103,7 @@ class Settings:
 
     def next_mode(self) -> None:
         """Switches to the next colour mode."""
-        at = MODES.index(self.render.anaglyph)
-        self.set(anaglyph=MODES[(at + 1) % len(MODES)])
+        self.set(anaglyph=MODES[(MODES.index(self.render.anaglyph) + 1) % len(MODES)])
 
     def swap_eyes(self) -> None:
         """Swaps the views of the eyes."""
@@ -166,34 +166,33 @@ class ChangeNotices:
         self._files = files
         self._viewer = viewer
         self._shown = shown
-        self._render = context.config.render
-        self._level = level_number(context.options)
-        self._scene = viewer.field.name
-        self._inverted = viewer.field.depth_inverted
         self._alpha_px = 0.0  # before the latest change
+        self._last = self._now()
+
+    def _now(self) -> tuple[Render, int, str, bool]:
+        """The settings, the lowered level, the scene and its order of depth."""
+        context, field = self._context, self._viewer.field
+        level = level_number(context.options)
+        return context.config.render, level, field.name, field.depth_inverted
 
     def update(self) -> bool:
         """Shows changes since the last call; returns whether the scene changed."""
-        field = self._viewer.field
-        render, before = self._context.config.render, self._render
-        if render is not before:
-            texts = changes(before, render, self._alpha_px, zero_plane_px(field, before))
-            for subject, text in texts.items():
+        (render, level, scene, inverted), self._last = self._last, self._now()
+        now, now_level, now_scene, now_inverted = self._last
+        if now is not render:
+            plane_px = zero_plane_px(self._viewer.field, render)
+            for subject, text in changes(render, now, self._alpha_px, plane_px).items():
                 self._shown.show(subject, text)
-            self._render = render
         if self._viewer.parallax is not None:
             self._alpha_px = self._viewer.parallax.alpha_px
-        level = level_number(self._context.options)
-        if level and not self._level:
+        if now_level and not level:
             self._shown.show("quality", "Busy computer: picture quality reduced")
-        self._level = level
-        is_new = field.name != self._scene
+        is_new = now_scene != scene
         if is_new:
-            self._shown.show("scene", field.name)
+            self._shown.show("scene", now_scene)
             self.show_doubts()
-        elif field.depth_inverted != self._inverted:
+        elif now_inverted != inverted:
             self._shown.show("depth order", "Near and far swapped")
-        self._scene, self._inverted = field.name, field.depth_inverted
         return is_new
 
     def show_doubts(self) -> None:
@@ -247,7 +246,7 @@ class RecordingIndicator:
         self._is_asked = True
         self._context.request("record", path=path)
 
-    def answered(self) -> None:
+    def answered(self, _answer: Answer | None = None) -> None:
         """Takes the answer to a request."""
         self._is_asked = False
 

@@ -148,23 +148,19 @@ class MouseLook:
             mouse_eyes.write(written)
             self.ring.publish(self._count, t_ns, t_ns, 0, 0)
             if self.recorder is not None and self.recorder.active:
-                self._record(self.recorder, written, t_ns)
+                self.recorder.add(
+                    Recordable(
+                        source_seq=self._count,
+                        epoch=0,
+                        t_sensor_ns=t_ns,
+                        t_read_ns=t_ns,
+                        codec="eyes",
+                        data=eyes_line(written, source_seq=self._count),
+                    )
+                )
         if not self._alone and not self._pointer.right and t_ns - self._released_ns > BACK_NS:
             self._eased_px = None  # the camera's eyes again
         return mouse_eyes, stamp
-
-    def _record(self, recorder: Recorder, record: NDArray[np.void], t_ns: int) -> None:
-        line = eyes_line(record, source_seq=self._count)
-        recorder.add(
-            Recordable(
-                source_seq=self._count,
-                epoch=0,
-                t_sensor_ns=t_ns,
-                t_read_ns=t_ns,
-                codec="eyes",
-                data=line,
-            )
-        )
 
 
 def _eye_distance(middle_px: NDArray[np.float64], eye_distance_px: float) -> Eyes:

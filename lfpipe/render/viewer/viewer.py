@@ -234,9 +234,8 @@ class Viewer:
         self.compositor = compositor
         if compositor.field is not self.field:  # of a live scene, while it was prepared
             compositor.replace(self.field)
-        self.method = compositor.method
         if self.solver is not None:
-            self.solver.set_method(self.method)
+            self.solver.set_method(compositor.method)
 
     def eyes_mm(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
         """The left and the right eye at the last viewpoints, from the neutral place: right, up, and
@@ -453,7 +452,7 @@ class Viewer:
             self.config.render,
             self.parallax.alpha_px,
             self._centre_px or middle_px,
-            self.method,
+            self.compositor.method,
         )
         return self.solver
 
