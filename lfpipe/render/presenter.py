@@ -5,11 +5,11 @@ what a refresh shows; between submission and vblank they wait, and are reported 
 the same choices as the render stage. For each refresh:
 
     source.update(EyesRecord.of(buffer), stamp)      # for a newer record
-    display_time = DisplayTime.of(target_ns, refresh_ns, device_latency_ns)
+    display_time = DisplayTime(target_ns, refresh_ns, device_latency_ns)
     eyes = source.at(t_ns, mouse)                    # t_ns: now, when the picture is begun
-    choice = choose(viewer, eyes, display_time)
-    if choice.key != key:                            # else the picture on the screen is current
-        picture = viewer.compositor.draw(choice.key)
+    viewpoints, wanted = choose(viewer, eyes, display_time)
+    if wanted != key:                                # else the picture on the screen is current
+        picture = viewer.compositor.draw(wanted)
 
 What does not change the next picture happens after submission, in the listeners.
 """
@@ -39,39 +39,25 @@ from lfpipe.transport.ring import MS_NS, Stamp, now_ns, sleep_until
 STALE_FRAMES = 3
 
 
-@attrs.frozen(kw_only=True)
+@attrs.frozen
 class DisplayTime:
     """When a picture is shown and seen, in monotonic ns."""
 
     target_ns: int
     """The refresh that the picture is due at; without refreshes, the expected submission."""
-    refresh_ns: int
+    refresh_ns: int = 0
     """How long it stays on the screen; 0: until the next camera frame."""
-    device_latency_ns: int
+    device_latency_ns: int = 0
     """Delay of camera and display together, not included in stamps and target_ns."""
-    seen_ns: int
-    """The time that the picture is made for."""
-    on_vblanks: bool
+    on_vblanks: bool = False
     """Whether target_ns is a vblank that the window system reports."""
 
-    @classmethod
-    def of(
-        cls,
-        target_ns: int,
-        refresh_ns: int = 0,
-        device_latency_ns: int = 0,
-        on_vblanks: bool = False,
-    ) -> "DisplayTime":
-        """The display time of a picture that is due at target_ns: the middle of its refresh, which
-        minimizes the error over it, plus the latency.
+    @property
+    def seen_ns(self) -> int:
+        """The time that the picture is made for: the middle of its refresh, which minimizes the
+        error over it, plus the latency.
         """
-        return cls(
-            target_ns=target_ns,
-            refresh_ns=refresh_ns,
-            device_latency_ns=device_latency_ns,
-            seen_ns=target_ns + device_latency_ns + refresh_ns // 2,
-            on_vblanks=on_vblanks,
-        )
+        return self.target_ns + self.device_latency_ns + self.refresh_ns // 2
 
 
 class TrackedEyes(NamedTuple):
@@ -132,19 +118,16 @@ class EyesSource:
         return newest._replace(record=newest.record._replace(face=0), t_ns=t_ns)
 
 
-class Choice(NamedTuple):
-    """The viewpoints of a picture, and the key by which a compositor draws it."""
-
-    viewpoints: Viewpoints
-    key: Key
-
-
-def choose(viewer: Viewer, eyes: TrackedEyes | None, display_time: DisplayTime) -> Choice:
-    """The picture for eyes at a display time, which must not decrease from call to call."""
+def choose(
+    viewer: Viewer, eyes: TrackedEyes | None, display_time: DisplayTime
+) -> tuple[Viewpoints, Key]:
+    """The viewpoints for eyes at a display time, which must not decrease from call to call, and the
+    key by which a compositor draws their picture.
+    """
     lead_ns = round(VIDEO_LEAD * display_time.refresh_ns) if display_time.on_vblanks else 0
     record, t_ns = (None, display_time.seen_ns) if eyes is None else (eyes.record, eyes.t_ns)
     viewpoints = viewer.viewpoints(record, t_ns, display_time.seen_ns, lead_ns)
-    return Choice(viewpoints, viewer.compositor.key(*viewpoints[1:]))
+    return viewpoints, viewer.compositor.key(*viewpoints[1:])
 
 
 ANSWER_NS = 250 * MS_NS  # a hidden window gets no report

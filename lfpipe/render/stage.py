@@ -177,10 +177,8 @@ class RenderStage:
         self._listeners = self._make_listeners()
         self._refresh: Refresh | None = None
         if not self._on_camera:  # by the vblanks of the screen if it reports them, else even
-            if self._display.vblank_source:
-                self._refresh = ScreenRefresh(self._display.nominal_hz(), now_ns())
-            else:
-                self._refresh = Refresh(self._config.render.nominal_hz, now_ns())
+            clock = ScreenRefresh if self._display.vblank_source else Refresh
+            self._refresh = clock(self._config.render.nominal_hz, now_ns())
         self._presenter = Presenter(
             viewer=self._viewer,
             source=self._eyes.source,
@@ -402,7 +400,7 @@ class RenderStage:
         on_vblanks = isinstance(self._refresh, ScreenRefresh)
         self._eyes.pending = False
         self._presenter.show(
-            DisplayTime.of(target_ns, refresh_ns, self._device_latency_ns, on_vblanks)
+            DisplayTime(target_ns, refresh_ns, self._device_latency_ns, on_vblanks)
         )
         self._context.done()  # if this process dies, its successor counts later records as lost
 
@@ -518,12 +516,12 @@ class RenderStage:
         if self._interactive or now_ns() >= self._serve_ns:
             self._serve_ns = now_ns() + BEAT_NS
             self._ui.serve()
-        if self._display.vblank_source:
-            self._presenter.take_reports()
+        self._presenter.take_reports()
         self._report_costs()
         self._report_gpu()
         # a ring has one writer
-        if self._mouse.waits and self._context.table.rows[TRACK]["state"] in ENDED:
+        waits = self._mouse.ring is None and isinstance(self._options.viewer, MouseViewer)
+        if waits and self._context.table.rows[TRACK]["state"] in ENDED:
             self._mouse.ring = self._context.output("eyes")
         if self._mouse.recorder is not None:
             self._mouse.recorder.report()

@@ -58,7 +58,7 @@ def presentation(**fields: Any) -> Presentation:
     plain: dict[str, Any] = {
         "seq": 0,
         "number": 1,
-        "display_time": DisplayTime.of(S),
+        "display_time": DisplayTime(S),
         "eyes": eyes,
         "viewpoints": Viewpoints(eyes.record.filtered_px, (0.0, 0.0), (0.0, 0.0), 0),
         "picture": None,

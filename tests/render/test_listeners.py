@@ -106,7 +106,7 @@ def test_trace_continues_after_a_restart_and_starts_over_with_a_session(
 # status row
 
 
-ON_TIME = DisplayTime.of(S, REFRESH_NS)
+ON_TIME = DisplayTime(S, REFRESH_NS)
 SEEN = presentation(display_time=ON_TIME, cost_ns=5_000_000, t_presented_ns=2 * S)
 
 
@@ -219,7 +219,7 @@ def test_trace_line_has_the_columns_of_the_contract() -> None:
 def test_status_row_measures_the_prediction_in_ns() -> None:
     row = Row(np.zeros((), ROW), METRICS)
     eyes_ns = S
-    seen = DisplayTime.of(eyes_ns + 60_000_000, device_latency_ns=80_000_000)
+    seen = DisplayTime(eyes_ns + 60_000_000, device_latency_ns=80_000_000)
     StatusRow(row, viewer(), Display()).handed_over(presentation(display_time=seen))
     measured = summary_ms(row.histograms["prediction"].record)
     assert measured["n"] == 1 and measured["p50_ms"] == pytest.approx(140.0, rel=0.02)

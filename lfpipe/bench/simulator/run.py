@@ -120,15 +120,15 @@ def watch(setup: Setup, observer: Observer, seconds: float) -> Run:
             stamps = frame.stamp_ns, frame.stamp_ns, frame.tracked_ns
             source.update(EyesRecord.of(record), Stamp(frame.seq, frame.seq, 0, *stamps, 0))
         started_ns = time.thread_time_ns()
-        display_time = DisplayTime.of(
+        display_time = DisplayTime(
             due_ns, clock.refresh.period_ns, device_latency_ns, on_vblanks=True
         )
-        choice = choose(viewer, source.at(begun_ns), display_time)
+        viewpoints, key = choose(viewer, source.at(begun_ns), display_time)
         choices.append((time.thread_time_ns() - started_ns) / 1e6)
-        composed = not shown or choice.key != shown[-1].key
+        composed = not shown or key != shown[-1].key
         vblank = clock.submit(begun_ns, due_ns, composed)
-        views = np.array((choice.viewpoints.left, choice.viewpoints.right))
-        shown.append(Shown(vblank, due_ns, views, choice.key))
+        views = np.array((viewpoints.left, viewpoints.right))
+        shown.append(Shown(vblank, due_ns, views, key))
     late = (clock.late + clock.missed) / len(shown)
     return _on_screen(shown, screen, np.array(choices), late)
 

@@ -160,7 +160,7 @@ class _FlippingWindow:
             WINDOW_PX, "lfpipe calibrate", OverlayView(), monitor=str(config.screen.monitor)
         )
         self._levels = [np.full((9, 16, 3), 255 * white, np.uint8) for white in (0, 1)]
-        hz = self.window.nominal_hz()
+        hz = self.window.monitor.rate_hz
         self._clock = ScreenClock(hz, now_ns())
         self._rng = np.random.default_rng(1)
         self._step = max(1, round(hz / 60.0))

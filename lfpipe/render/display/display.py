@@ -160,14 +160,11 @@ class Display:
     """Whether it knows the screen rows of its pictures."""
     waiting: Callable[[], AbstractContextManager[None]] = nullcontext
     """Entered for calls in which the window system may keep the stage waiting."""
+    vblank_source = ""
+    """What reports presentations: x_present; empty for nothing."""
     fds: Sequence[int] | None = None
     """Descriptors that can be read when `events` has news; None if it must be asked at every
     refresh, or needs a picture then."""
-
-    @property
-    def vblank_source(self) -> str:
-        """What reports presentations: x_present; empty for nothing."""
-        return ""
 
     def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
         """Shows uint8 (height, width, 3) BGR, scaled to fit; returns the submission time, monotonic
@@ -183,10 +180,6 @@ class Display:
         picture's number, 1 for the first call of `show`.
         """
         return []
-
-    def nominal_hz(self) -> float:
-        """The refresh rate that the screen claims; asked only if vblanks are reported."""
-        return 0.0
 
     def events(self) -> list[Event]:
         """User input since the last call: actions of keys, events of overlay items, "load" for a

@@ -70,22 +70,20 @@ def monitors() -> list[Monitor]:
         pygame.display.get_desktop_refresh_rates(),
         strict=True,
     )
-    connected = []
-    for number, ((width_px, _), rate_hz) in enumerate(facts):
-        name, (x, y, width, height), dots_per_inch = window_system.monitor_facts(number)
-        connected.append(
-            Monitor(
-                number=number,
-                name=name,
-                x=x,
-                y=y,
-                width=width,
-                height=height,
-                pixel_mm=pixel_mm(dots_per_inch, width_px),
-                rate_hz=float(rate_hz or NOMINAL_HZ),
-            )
+    return [
+        Monitor(
+            number=number,
+            name=name,
+            x=x,
+            y=y,
+            width=width,
+            height=height,
+            pixel_mm=pixel_mm(dots_per_inch, width_px),
+            rate_hz=float(rate_hz or NOMINAL_HZ),
         )
-    return connected
+        for number, ((width_px, _), rate_hz) in enumerate(facts)
+        for name, (x, y, width, height), dots_per_inch in [window_system.monitor_facts(number)]
+    ]
 
 
 def find_monitor(asked: str, offered: list[Monitor]) -> Monitor:

@@ -114,7 +114,7 @@ MAX_MARGIN_PERIODS = 1.25
 
 
 class ScreenClock:
-    """The grid of vblanks: its period and phase. nominal_hz: the rate the screen claims."""
+    """The grid of vblanks: its period and phase. nominal_hz: its rate until one is reported."""
 
     def __init__(self, nominal_hz: float, t0_ns: int) -> None:
         self.period_ns = 1e9 / nominal_hz
@@ -143,9 +143,11 @@ class ScreenClock:
 
 
 class ScreenRefresh(Refresh):
-    """Refreshes on the vblanks that a screen of nominal_hz reports: pictures are due at vblanks,
-    whose phase does not follow the camera, and begin a lead before them that is learnt from late
-    and early pictures. limit_hz: at most this many pictures a second, 0 for every vblank.
+    """Refreshes on the vblanks that a screen reports, at nominal_hz until its first report.
+
+    Pictures are due at vblanks, whose phase does not follow the camera, and begin a lead before
+    them that is learnt from late and early pictures. limit_hz: at most this many pictures a second,
+    0 for every vblank.
     """
 
     def __init__(self, nominal_hz: float, t0_ns: int, limit_hz: float = 0.0) -> None:

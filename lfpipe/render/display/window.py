@@ -189,6 +189,7 @@ class ScreenWindow(Display):
             # else a window manager places the frame there, and the picture below its title
             self._window.position = self._at
         self._presentation = open_presentation(self._window)
+        self.vblank_source = self._presentation.name if self._presentation is not None else ""
         self.fds = window_system.connection_fds(self._window)
         # Wayland hides the position of a window
         self.knows_rows = whole or self._driver != "wayland"
@@ -198,13 +199,6 @@ class ScreenWindow(Display):
         if self._presentation is not None:
             self._presentation.close()
         self._window.destroy()
-
-    @property
-    def vblank_source(self) -> str:
-        return self._presentation.name if self._presentation is not None else ""
-
-    def nominal_hz(self) -> float:
-        return self.monitor.rate_hz
 
     def presented(self) -> list[Presented]:
         answers: list[Presented] = []

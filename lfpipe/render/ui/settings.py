@@ -34,15 +34,15 @@ from lfpipe.transport.ring import SECOND_NS
 T = TypeVar("T")
 
 
+@attrs.define(eq=False)
 class Files:
     """A thread that reads and writes a person's files in order: a disk may be slow, or a network
     drive dead. It ends with the stage, once everything is saved.
     """
 
-    def __init__(self, context: Context) -> None:
-        self._context = context
-        self._thread = ThreadPoolExecutor(1, "files")
-        self._waiting: deque[tuple[Future[Any], Callable[[Any], None]]] = deque()
+    _context: Context
+    _thread: ThreadPoolExecutor = attrs.field(factory=lambda: ThreadPoolExecutor(1, "files"))
+    _waiting: deque[tuple[Future[Any], Callable[[Any], None]]] = attrs.field(factory=deque)
 
     def do(self, work: Callable[[], T], done: Callable[[T], None] = lambda _: None) -> None:
         """Does work in the thread; `serve` then passes its result to done."""

@@ -61,11 +61,6 @@ class MouseLook:
         self._eased_px = None
 
     @property
-    def waits(self) -> bool:
-        """Whether it is the viewer, and needs the ring."""
-        return self._alone and self.ring is None
-
-    @property
     def is_viewer(self) -> bool:
         """Whether the mouse is the viewer now."""
         return self._alone or self._pointer.right or self._eased_px is not None
