@@ -17,7 +17,7 @@ from lfpipe.sequence.folder import open_sequence
 from tests.scene import made
 from tests.support import hostile_files
 from tests.support.hostile_sequences import made_sequence
-from tests.support.processes import open_umask
+from tests.support.processes import largest_file, open_umask
 from tests.support.refusal import refusal
 
 
@@ -127,10 +127,13 @@ def test_no_file_beside_is_taken_for_unfinished_work(tmp_path: Path, name: str) 
     assert names(tmp_path) == before and (tmp_path / name).read_bytes() == b"mine"
 
 
-def test_half_a_line_of_a_killed_writer_is_cut_off(tmp_path: Path) -> None:
+def test_half_a_line_of_a_killed_writer_or_a_full_disk_is_cut_off(tmp_path: Path) -> None:
     path = tmp_path / "requests.jsonl"
     path.write_bytes(b"1\n2")
-    safe_files.LineFile(path).append(b"3\n")
+    lines = safe_files.LineFile(path)
+    lines.append(b"3\n")
+    with largest_file(7), pytest.raises(OSError):
+        lines.append(b"more than fits\n")
     assert path.read_bytes() == b"1\n3\n"
 
 

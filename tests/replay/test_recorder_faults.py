@@ -5,6 +5,7 @@ readable.
 import json
 import signal
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -82,12 +83,14 @@ def frame(number: int, level: int = 1) -> Recordable:
 
 
 @pytest.fixture
-def made(tmp_path: Path) -> Recording:
+def made(tmp_path: Path) -> Iterator[Recording]:
     context = SimpleNamespace(
         config=config.load(),
         options=SimpleNamespace(viewer=CameraViewer(source="demo", rate_hz=30.0)),
     )
-    return Recording(context, tmp_path / "rec", SHAPE[1::-1])  # type: ignore[arg-type]
+    recording = Recording(context, tmp_path / "rec", SHAPE[1::-1])  # type: ignore[arg-type]
+    yield recording
+    recording.end()  # else the thread of a test that failed would keep this process
 
 
 def test_any_error_in_the_thread_ends_the_recording_with_a_message(
@@ -110,7 +113,7 @@ def test_frames_without_space_are_missed_and_the_others_keep_their_order(
 ) -> None:
     gate = threading.Event()
     monkeypatch.setattr(
-        recorder, "encoded", lambda frame, codec: gate.wait() and encoded(frame, codec)
+        recorder, "encoded", lambda frame, codec: gate.wait(30) and encoded(frame, codec)
     )
     made._max_frames = recorder.MIN_FRAMES
     assert made.add(frame(0)) and not made.add(frame(0)), "a repeated stamp cannot be replayed"

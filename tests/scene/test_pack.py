@@ -20,6 +20,7 @@ from lfpipe.render.synthesis.scoring import scores
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import (
     DamagedPackError,
+    key_of,
     open_pack,
     packed,
     packs,
@@ -251,6 +252,16 @@ def test_a_pack_in_use_stays_until_nobody_has_it_open(
     assert sweep(scene_config) == 0
     with pytest.raises(DamagedPackError, match="not a usable pack"):
         open_pack(found)
+
+
+def test_a_scene_whose_files_changed_has_another_key(
+    folder: Path, scene_config: config.Scene
+) -> None:
+    for path in (folder, folder.parent):  # the scene, and a folder of scenes
+        before = key_of(path, scene_config)
+        assert before == key_of(path, scene_config)
+        os.utime(min(folder.rglob("*.png")), ns=(1, path == folder))
+        assert key_of(path, scene_config) != before
 
 
 def test_the_first_picture_needs_the_views_in_the_middle_only(

@@ -3,6 +3,8 @@ names every damage.
 """
 
 import json
+import os
+import shutil
 import zlib
 from pathlib import Path
 
@@ -85,6 +87,26 @@ def test_whatever_is_cut_off_the_whole_frames_before_it_are_read_and_written_on(
     assert (folder / PACKETS).stat().st_size == found[-1].offset + 4
 
 
+def test_after_a_power_cut_frames_beyond_the_packets_are_left_out(tmp_path: Path) -> None:
+    writer = PacketWriter(tmp_path)
+    for seq in range(2):
+        writer.append(b"x" * 10, "raw", seq, 0, seq, seq)
+    writer.close()
+    os.truncate(tmp_path / PACKETS, 15)
+    assert len(read_index(tmp_path, complete=False)) == 1
+    assert "within frame 1" in str(refusal(read_index, tmp_path, complete=True))
+
+
+def test_fewer_frames_than_were_recorded_are_refused_without_a_checksum(
+    whole: Path, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(whole, tmp_path / "fewer")
+    lines = (folder / INDEX).read_bytes().splitlines(keepends=True)
+    (folder / INDEX).write_bytes(b"".join(lines[:-1]))
+    said = str(refusal(open_sequence, folder, verify=False))
+    assert f"{FRAMES - 1} frames, but {FRAMES} were recorded" in said
+
+
 def test_a_full_disk_leaves_the_frames_before_it(tmp_path: Path) -> None:
     writer = PacketWriter(tmp_path)
     writer.append(b"x" * 4000, "raw", 0, 0, 1, 1)
@@ -96,6 +118,7 @@ def test_a_full_disk_leaves_the_frames_before_it(tmp_path: Path) -> None:
         (0, 4000),
         (2, 1),
     ]
+    assert (tmp_path / PACKETS).stat().st_size == 4001
 
 
 def test_a_cut_keeps_packets_stamps_and_truth_and_is_json_for_every_reader(
@@ -104,6 +127,7 @@ def test_a_cut_keeps_packets_stamps_and_truth_and_is_json_for_every_reader(
     sequence = open_sequence(whole)
     assert cut(sequence, tmp_path / "part", 0.05, float("inf")) == 4
     part = open_sequence(tmp_path / "part")
+    assert part.lost == sequence.lost == 0
     offset = FRAMES - 4
     for packet in part.packets:
         was = sequence.packets[packet.seq + offset]
