@@ -3,18 +3,13 @@ session's data. Commands: test_commands.py.
 """
 
 import json
-import re
 import runpy
 import time
 import tomllib
-from pathlib import Path
 
-import numpy as np
 import pytest
 
-from lfpipe.eyes import EYES
-from lfpipe.transport import ring
-from tests.docs.conftest import PAGES, ROOT, blocks
+from tests.docs.conftest import PAGES, blocks
 from tests.support.world import World
 
 
@@ -41,35 +36,3 @@ def test_ring_example_reads_a_frame(
         and time.monotonic_ns() - int(t_sensor_ns) < 10_000_000_000
         and 0 < float(mean) < 255
     )
-
-
-def test_contracts_say_where_the_parts_of_a_ring_are(tmp_path: Path) -> None:
-    """The offsets of the page, against a ring that the code made."""
-    page = (ROOT / "docs" / "contracts.md").read_text()
-    table = page.partition("| at byte ")[2].partition("\n\n")[0]
-    rows = [line.split("|")[1:3] for line in table.splitlines()[2:]]
-    offsets = [[int(n) for n in re.findall(r"\d+", left)] for left, _ in rows]
-    assert offsets == [
-        [8, 16, 24, 32],
-        [ring.PUBLISHED, ring.EPOCH],
-        [ring.DESCRIPTION],
-        [0],
-        [8, 16, 24, 32],
-        [40, 48, ring.SLOT_HEADER],
-    ]
-    path = tmp_path / "eyes.ring"
-    memory = ring.create(path, ring.RingSpec((), EYES))
-    try:
-        writer, reader = ring.Writer(path), ring.Reader(path)
-        writer.begin()
-        writer.publish(7, 8, 9, epoch=3, kind=2)
-        raw = bytes(memory.buf)
-        first = ring.PAGE
-        assert np.frombuffer(raw, "<i8", 4, 8).tolist()[:3] == [4, ring.PAGE, EYES.itemsize]
-        assert np.frombuffer(raw, "<i8", 5, first).tolist() == [1, 7, 3, 8, 9]
-        assert np.frombuffer(raw, "<i8", 1, first + 48)[0] == 2
-        writer.close()
-        reader.close()
-    finally:
-        memory.unlink()
-        memory.close()
