@@ -489,8 +489,7 @@ class RenderStage:
         elif turned and self._live is None:  # the depth of a live scene is turned where it is read
             self._field = shown_as(self._field, invert_depth)
         self._keep_choice()
-        show = self._viewer.complete if completed else self._viewer.set
-        show(self._field, self._config, self._share)
+        self._viewer.set(self._field, self._config, self._share, completed)
         if other_pack:
             self._measure_costs()
             # the old compositor's parts refer to one another, and to the maps of the pack

@@ -56,7 +56,6 @@ AWAY_S = 0.8  # time constant of easing to neutral: not urgent without a viewer
 # Views between two pictures at EASED_HZ beyond the eyes' motion: a visible move, but no jump. From
 # one end of the usual grid to the other within half a second.
 EASED_VIEWS, EASED_HZ = 0.3, 60.0
-PAUSE_S = 0.5  # after this time without a picture, the next one is not eased
 
 
 class ViewerState(enum.IntEnum):
@@ -270,7 +269,8 @@ class ViewEasing:
         self._t_ns = t_ns
         self._lost_ns = None
         shown = self._shown
-        if shown is not None and dt_s < PAUSE_S and shown != target:
+        # after a pause, the next picture is not eased
+        if shown is not None and dt_s < MAX_STEP_NS / SECOND_NS and shown != target:
             step = EASED_VIEWS * min(dt_s * EASED_HZ, 1.0)
             if max(abs(b - a) for a, b in zip(shown, target, strict=True)) > step:
                 row, left, right = (

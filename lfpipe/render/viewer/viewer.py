@@ -143,29 +143,25 @@ class Viewer:
         self.last_viewpoints: Viewpoints | None = None
         self.set(field, config, share)
 
-    def set(self, field: LightField, config: Config, share: float = 1.0) -> None:
-        """Sets scene, configuration and share from the next viewpoints on."""
-        self.parallax = self.solver = None
-        self._easing.reset()
-        self._auto = alpha_is_automatic(config)
-        self._size_px = (0, 0)
-        self._draw(field, config, share)
-
-    def complete(self, field: LightField, config: Config, share: float = 1.0) -> None:
-        """Sets the same scene, now with its disparity: viewpoint, neutral position and views
-        between the eyes are kept, or eased.
+    def set(
+        self, field: LightField, config: Config, share: float = 1.0, completed: bool = False
+    ) -> None:
+        """Sets scene, configuration and share from the next viewpoints on. completed: it is the
+        same scene, now with its disparity: viewpoint, neutral position and views between the eyes
+        are kept, or eased.
         """
-        self._draw(field, config, share)
-        if self.parallax is not None:
-            self._choose(self._eye_distance_px)
-
-    def _draw(self, field: LightField, config: Config, share: float) -> None:
+        if not completed:
+            self.parallax = self.solver = None
+            self._easing.reset()
+            self._auto = alpha_is_automatic(config)
+            self._size_px = (0, 0)
         self.field = field
-        self._is_video = field.frames > 1
         self.config = config
         self._share = share
         self._next = None
         self._use(self._make_compositor(field, config, self._wanted_px()))
+        if self.parallax is not None:
+            self._choose(self._eye_distance_px)
 
     def replace(self, field: LightField) -> None:
         """Sets the next frame of a live scene: viewpoint and neutral position are kept."""
@@ -280,7 +276,7 @@ class Viewer:
         before the first face. lead_ns: from a video's start to the time of its first picture.
         """
         frame = 0
-        if self._is_video:
+        if self.field.frames > 1:
             self._start_ns = self._start_ns or t_shown_ns - lead_ns
             frame = video_frame(t_shown_ns, self._start_ns, self.field.frame_rate_hz)
         camera_px = (
