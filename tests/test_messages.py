@@ -31,6 +31,7 @@ def test_message(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     cause, text = ROWS[name]
     for variable in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
         monkeypatch.delenv(variable, raising=False)
+    monkeypatch.setenv("LFPIPE_RUN_DIR", str(tmp_path))  # without the sessions of others
     monkeypatch.chdir(tmp_path)
     with pytest.raises(UserError) as error:
         cause(tmp_path)

@@ -80,6 +80,7 @@ def test_whatever_is_cut_off_the_whole_frames_before_it_are_read_and_written_on(
     left = list(read_index(folder, complete=False))
     assert left == whole[: len(left)] and len(left) == (folder / INDEX).read_bytes().count(b"\n")
     again = PacketWriter(folder)
+    assert (folder / PACKETS).stat().st_size == sum(packet.bytes for packet in left)
     again.append(b"more", "raw", 99, 1, 1000, 1001)
     again.close()
     found = list(read_index(folder, complete=True))
