@@ -30,8 +30,7 @@ from lfpipe.bench.pipeline import (
 )
 from lfpipe.config import load
 from lfpipe.host.worker import Child
-from lfpipe.scene.open_scene import open_scene
-from lfpipe.scene.pack import cache_dir, demo_scene
+from lfpipe.scene.pack import cache_dir, demo_scene, open_scene
 from lfpipe.supervisor.process_table import SCORER
 from profiling.arguments import existing, parser_of, start
 

@@ -7,7 +7,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.api.arguments import ArrayLike, typed
+from lfpipe.api.scenes import ArrayLike, typed
 from lfpipe.errors import UserError
 from lfpipe.live.records import (
     MAX_SIDE_PX,

@@ -1,5 +1,7 @@
 """In a notebook: opens light fields from files and arrays, and renders any view; finds eyes in
 pictures, by the session's tracking without a session.
+
+Of arguments of the wrong type, a TypeError names the parameter.
 """
 
 from __future__ import annotations
@@ -9,25 +11,52 @@ import os
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 import attrs
 import numpy as np
+from beartype import BeartypeConf, beartype
 from numpy.typing import NDArray
 
-from lfpipe.api.arguments import ArrayLike, Number, WholeNumber, numbers, typed
 from lfpipe.config import Config, Scene, updated
 from lfpipe.errors import UserError
 from lfpipe.eyes import EYES, extrapolated
 from lfpipe.files.safe_files import replaced
 from lfpipe.host.files import is_file
 from lfpipe.render.synthesis.compositor import Compositor, ViewRenderer
-from lfpipe.scene import open_scene as scenes
+from lfpipe.scene import pack
 from lfpipe.scene.layouts.arrays import require_views
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import cache_dir, named_scene
 from lfpipe.supervisor.process_table import SCORER
 from lfpipe.track.eye_tracker import EyeTracker, Head, HeadEstimator
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike as ArrayLike
+
+    Number: TypeAlias = float
+    WholeNumber: TypeAlias = int
+else:  # what is accepted when it runs: numbers of numpy, and for arrays whatever `numbers` accepts
+    ArrayLike = object
+    WholeNumber = int | np.integer
+    Number = float | np.floating | WholeNumber
+
+typed = beartype(
+    conf=BeartypeConf(is_color=False, is_pep484_tower=True, violation_param_type=TypeError)
+)
+
+
+def numbers(name: str, value: Any) -> NDArray[Any]:
+    """value as an array. Raises TypeError that names the parameter if it has no numbers."""
+    try:
+        array = np.asarray(value)
+    except ValueError as error:  # rows of several lengths
+        raise TypeError(f"{name} must be an array: {error}") from None
+    if array.dtype.kind not in "buif":
+        what = f"an array of {array.dtype}" if array.ndim else type(value).__name__
+        raise TypeError(f"{name} must be an array of numbers, not {what}")
+    return array
+
 
 KEPT_S = 7 * 86400.0  # arrays that nobody has opened for so long are removed from the cache
 ScenePath = str | os.PathLike[str]
@@ -85,7 +114,7 @@ def open_scene(
     config = updated(Config(), settings or {}).scene
     if invert_depth is not None:
         config = attrs.evolve(config, invert_depth="yes" if invert_depth else "no")
-    return scenes.open_scene(
+    return pack.open_scene(
         scene_path(scene, config, disparity=disparity, positions=positions), config, scorer=SCORER
     )
 

@@ -19,8 +19,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.api.arguments import ArrayLike, Number, typed
-from lfpipe.api.scenes import Eyes, ScenePath, scene_path
+from lfpipe.api.scenes import ArrayLike, Eyes, Number, ScenePath, scene_path, typed
 from lfpipe.config import Config, Snapshot, converter, updated
 from lfpipe.errors import ERROR_FILE, UserError
 from lfpipe.host import signals

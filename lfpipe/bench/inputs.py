@@ -21,8 +21,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.safe_files import replaced
 from lfpipe.host.files import exists, is_file
 from lfpipe.scene.lightfield import LightField
-from lfpipe.scene.open_scene import open_scene
-from lfpipe.scene.pack import demo_scene, prepare_cache
+from lfpipe.scene.pack import demo_scene, open_scene, prepare_cache
 from lfpipe.sequence.folder import is_sequence
 from lfpipe.sequence.packets import COLUMNS, TRUTH, Truth, table_of
 from lfpipe.supervisor.process_table import SCORER

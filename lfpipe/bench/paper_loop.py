@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.files.untrusted import TraceFile
+from lfpipe.files.safe_files import TraceFile
 from lfpipe.track.engine import LEFT_EYE, RIGHT_EYE
 
 WARM_UP = 10  # frames that do not count

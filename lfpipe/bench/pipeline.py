@@ -27,8 +27,7 @@ from lfpipe.bench.runner import Offer, Prepared, Variant
 from lfpipe.bench.simulator.run import viewpoints
 from lfpipe.config import Render, converter, load
 from lfpipe.config.check import flat
-from lfpipe.files.safe_files import write_file
-from lfpipe.files.untrusted import trace_lines
+from lfpipe.files.safe_files import trace_lines, write_file
 from lfpipe.host.worker import python
 from lfpipe.scene.lightfield import LightField
 from lfpipe.sequence.folder import is_sequence

@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lfpipe.errors import UserError
-from lfpipe.files.safe_files import read_bytes, write_output
-from lfpipe.files.untrusted import json_fields
+from lfpipe.files.safe_files import json_fields, read_bytes, write_output
 
 FORMAT = "lfpipe-bench-8"
 MAX_BYTES = 16 << 20  # of results.json; a full run of all benchmarks writes 0.2 MB

@@ -18,7 +18,7 @@ import attrs
 
 from lfpipe import config
 from lfpipe.errors import UserError, redacted
-from lfpipe.files.untrusted import finite
+from lfpipe.files.safe_files import finite
 from lfpipe.host import PORTABLE
 from lfpipe.plugins import IN_USE, SOURCES, blaming, load, plugins
 from lfpipe.sequence.metrics import RECORDING

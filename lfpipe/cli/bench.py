@@ -150,7 +150,7 @@ def table(
     from lfpipe.bench.runner import opened
     from lfpipe.bench.table import Protocol, measure_scenes
     from lfpipe.cli.terminal import progress
-    from lfpipe.scene.open_scene import open_scene
+    from lfpipe.scene.pack import open_scene
     from lfpipe.supervisor.process_table import SCORER
 
     opened(out)

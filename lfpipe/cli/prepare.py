@@ -55,11 +55,13 @@ from lfpipe.render.plan import Plan, make_plan
 from lfpipe.render.synthesis.compositor import settings_for_scene
 from lfpipe.render.ui.notices import GLASSES
 from lfpipe.scene.lightfield import HARDLY_FIT, LightField
-from lfpipe.scene.open_scene import Opened, PackerRequest, find_packed
 from lfpipe.scene.pack import (
     DEMOS,
+    Opened,
+    PackerRequest,
     cache_dir,
     demo_scene,
+    find_packed,
     open_pack,
     recent_scenes,
     remember_scene,

@@ -21,8 +21,7 @@ from lfpipe.render.plan import make_plan, planned_levels
 from lfpipe.render.synthesis.compositor import ViewRenderer
 from lfpipe.scene.analysis import describe_folder
 from lfpipe.scene.lightfield import LightField
-from lfpipe.scene.open_scene import ask_manifest, open_scene
-from lfpipe.scene.pack import cache_dir, packed, packs, remove, sweep
+from lfpipe.scene.pack import ask_manifest, cache_dir, open_scene, packed, packs, remove, sweep
 from lfpipe.scene.packer import expected_field, facts, lines
 from lfpipe.supervisor.process_table import SCORER
 

@@ -92,7 +92,7 @@ def load_scene(session_name: str, scene: Path) -> None:
 
 
 def _absolute(scene: Path) -> str:
-    from lfpipe.scene.open_scene import absolute_path  # itself slow to import
+    from lfpipe.scene.pack import absolute_path  # itself slow to import
 
     return str(absolute_path(scene, configuration.load().scene))
 

@@ -28,7 +28,7 @@ from lfpipe.supervisor import rundir
 from lfpipe.transport.control import Session, default_name
 
 if TYPE_CHECKING:
-    from lfpipe.scene.open_scene import Packing
+    from lfpipe.scene.pack import Packing
     from lfpipe.supervisor.session import Outcome
 
 PREPARER = "lfpipe.cli.prepare"  # the child's module
@@ -149,8 +149,7 @@ def _prepared(arguments: UpArguments) -> Prepared:
             preparer = Worker(PREPARER, asked, "scene and camera", float("inf"), stderr=None)
             with contextlib.closing(preparer):
                 # while it works
-                from lfpipe.scene.open_scene import PackerRequest, pack_until_shown
-                from lfpipe.scene.pack import hold_pack
+                from lfpipe.scene.pack import PackerRequest, hold_pack, pack_until_shown
 
                 preparer.wait(lambda: bool(preparer.last))  # noqa: B023 - not later
                 answer = preparer.last or preparer.result()

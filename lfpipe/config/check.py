@@ -23,8 +23,7 @@ from lfpipe.config.session_options import Placement
 from lfpipe.config.tree import SECTIONS, Config, Key, options
 from lfpipe.errors import UserError, quoted
 from lfpipe.eyes import MAX_EYE_PX
-from lfpipe.files.safe_files import read_text, write_file
-from lfpipe.files.untrusted import Fields, toml_table
+from lfpipe.files.safe_files import Fields, read_text, toml_table, write_file
 from lfpipe.host.files import exists, is_missing
 from lfpipe.plugins import ENGINES, FILTERS, plugins
 

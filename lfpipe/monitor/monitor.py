@@ -25,8 +25,7 @@ from rich.text import Text
 
 from lfpipe import log
 from lfpipe.errors import UserError, plain
-from lfpipe.files.safe_files import PLACE, check_output, reason, replaced
-from lfpipe.files.untrusted import trace_lines
+from lfpipe.files.safe_files import PLACE, check_output, reason, replaced, trace_lines
 from lfpipe.host.terminal import Keyboard
 from lfpipe.monitor.session_reader import Follower, Sample, Watch, snapshot
 from lfpipe.notices import latency_lines

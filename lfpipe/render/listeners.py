@@ -20,8 +20,7 @@ from lfpipe.config.quality import level_number
 from lfpipe.config.session_options import Lossless, MouseViewer
 from lfpipe.eyes import MAX_PREDICTION_S
 from lfpipe.files.codecs import fit_area
-from lfpipe.files.safe_files import write_file
-from lfpipe.files.untrusted import TraceFile
+from lfpipe.files.safe_files import TraceFile, write_file
 from lfpipe.render.display.display import Display
 from lfpipe.render.live_input import LiveInput
 from lfpipe.render.presenter import REPLACED, Listener, Presentation

@@ -44,11 +44,13 @@ from lfpipe.files.safe_files import (
     PRIVATE_FOLDER,
     WORK_NAME,
     check_links,
+    check_sides,
+    json_fields,
     read_text,
     reason,
+    trace_lines,
     write_output,
 )
-from lfpipe.files.untrusted import check_sides, json_fields, trace_lines
 from lfpipe.host import signals
 from lfpipe.host.files import is_dir
 from lfpipe.host.machine import versions

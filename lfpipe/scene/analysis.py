@@ -32,8 +32,7 @@ from lfpipe.config.quality import METHODS
 from lfpipe.config.tree import options
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import STRIP_ROWS
-from lfpipe.files.safe_files import read_text, write_file
-from lfpipe.files.untrusted import toml_table
+from lfpipe.files.safe_files import read_text, toml_table, write_file
 from lfpipe.host.files import is_file
 from lfpipe.scene import layouts
 from lfpipe.scene.lightfield import HARDLY_FIT, Depth

@@ -31,8 +31,7 @@ from lfpipe.host.worker import Report, serve
 from lfpipe.scene import layouts
 from lfpipe.scene.analysis import AnalysedScene, analyse_scene
 from lfpipe.scene.lightfield import DisparitySource, LightField, Manifest, MethodScores
-from lfpipe.scene.open_scene import PackerRequest
-from lfpipe.scene.pack import cache_dir, open_pack, packed, remember_scene, summarize
+from lfpipe.scene.pack import PackerRequest, cache_dir, open_pack, packed, remember_scene, summarize
 from lfpipe.scene.packing import Score, manifest_of, pack_scene
 from lfpipe.scene.source import SceneSource, is_picture, natural
 

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError, quoted
-from lfpipe.files.safe_files import TEXT_BYTES, check_links, open_file, open_regular, reason
-from lfpipe.files.untrusted import finite
+from lfpipe.files.safe_files import TEXT_BYTES, check_links, finite, open_file, open_regular, reason
 from lfpipe.host.files import proc_fd_path
 from lfpipe.host.terminal import opencv_logging
 

@@ -28,15 +28,16 @@ from lfpipe.errors import UserError, plain
 from lfpipe.files.safe_files import (
     PRIVATE_FOLDER,
     WORK_NAME,
+    Fields,
     check_links,
     create_private,
+    json_fields,
     lines,
     open_file,
     read_bytes,
     reason,
     replaced,
 )
-from lfpipe.files.untrusted import Fields, json_fields
 from lfpipe.host.files import exists
 from lfpipe.sequence.packets import (
     COPY,

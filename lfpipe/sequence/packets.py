@@ -30,8 +30,15 @@ from lfpipe.errors import UserError, quoted
 from lfpipe.eyes import EYES, MAX_EYE_PX
 from lfpipe.files.codecs import picture_of
 from lfpipe.files.pictures import MAX_DECODING_BYTES, header_of
-from lfpipe.files.safe_files import PRIVATE, lines, open_regular, reason
-from lfpipe.files.untrusted import MAX_NS, finite, json_fields
+from lfpipe.files.safe_files import (
+    MAX_NS,
+    PRIVATE,
+    finite,
+    json_fields,
+    lines,
+    open_regular,
+    reason,
+)
 from lfpipe.host.files import CREATING, exists
 
 PACKETS, INDEX = "frames.bin", "frames.jsonl"

@@ -26,7 +26,7 @@ from lfpipe.config.session_options import (
 )
 from lfpipe.errors import UserError
 from lfpipe.plugins import REQUESTS, blaming, load, plugins
-from lfpipe.scene.open_scene import PackerRequest
+from lfpipe.scene.pack import PackerRequest
 from lfpipe.supervisor.process_table import (
     SCORER,
     SHOWN_BY,

@@ -26,14 +26,19 @@ from lfpipe.host import signals
 from lfpipe.host.files import Lock, allow_files
 from lfpipe.host.machine import usable_cores
 from lfpipe.notices import Fault, faults
-from lfpipe.scene.open_scene import Packing
+from lfpipe.scene.pack import Packing
 from lfpipe.supervisor import child, process_table, rundir
-from lfpipe.supervisor.control_sockets import ControlSockets, PendingAnswers, Request
+from lfpipe.supervisor.control_sockets import (
+    ControlSockets,
+    PendingAnswers,
+    Request,
+    SceneEvent,
+    SceneLoads,
+)
 from lfpipe.supervisor.governor import QualityControl
 from lfpipe.supervisor.metrics import SessionMetrics, session_metrics
 from lfpipe.supervisor.process_table import NAMES, SHOWN_BY, SOURCE, STAGES, TRACKED_BY, Stage
 from lfpipe.supervisor.requests import Reply, on_complete, on_load, respond
-from lfpipe.supervisor.scene_loads import SceneEvent, SceneLoads
 from lfpipe.supervisor.session_state import SessionState, SessionStore, Trial
 from lfpipe.supervisor.stage_process import (
     MAX_FAILURES,

@@ -31,7 +31,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.files.untrusted import MAX_INTEGER
+from lfpipe.files.safe_files import MAX_INTEGER
 from lfpipe.host.files import Segment, create_segment, publish_segment
 from lfpipe.transport.ring import now_ns
 

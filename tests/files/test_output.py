@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from lfpipe.errors import UserError
-from lfpipe.files.safe_files import check_output
-from lfpipe.files.untrusted import TraceFile
+from lfpipe.files.safe_files import TraceFile, check_output
 from tests.support.processes import largest_file
 
 

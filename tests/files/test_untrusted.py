@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.errors import UserError
-from lfpipe.files.untrusted import MAX_INTEGER, Fields, finite, json_fields, toml_table
+from lfpipe.files.safe_files import MAX_INTEGER, Fields, finite, json_fields, toml_table
 
 JSON_VALUES = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(),

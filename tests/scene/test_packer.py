@@ -16,15 +16,16 @@ from PIL import Image
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene.open_scene import (
+from lfpipe.scene.pack import (
     PackerRequest,
     Packing,
     ask_manifest,
     find_packed,
     open_scene,
     pack_until_shown,
+    packed,
+    packs,
 )
-from lfpipe.scene.pack import packed, packs
 from tests.scene import made
 from tests.support.world import runs, until
 
@@ -145,7 +146,7 @@ def test_too_much_memory_is_a_refusal(tmp_path: Path, scene_config: config.Scene
     Image.new("RGB", (9000, 9500)).save(tmp_path / "big.png", compress_level=1)
     code = (  # in a process of its own: its packer is its only child
         "import sys, resource; from lfpipe import config; from lfpipe.errors import UserError\nfrom"
-        " lfpipe.scene.open_scene import open_scene\ntry: open_scene(sys.argv[1],"
+        " lfpipe.scene.pack import open_scene\ntry: open_scene(sys.argv[1],"
         " config.Scene(cache_dir=sys.argv[2]))\nexcept UserError as error:"
         " print(bool(error.remedy), resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"
     )
@@ -159,7 +160,7 @@ def test_too_much_memory_is_a_refusal(tmp_path: Path, scene_config: config.Scene
 def test_the_packer_ends_with_its_parent(folder: Path, scene_config: config.Scene) -> None:
     code = (
         "import sys, os; from lfpipe import config\n"
-        "from lfpipe.scene.open_scene import PackerRequest, Packing\n"
+        "from lfpipe.scene.pack import PackerRequest, Packing\n"
         "settings = config.Scene(cache_dir=sys.argv[2])\n"
         "packing = Packing(PackerRequest(scenes=[sys.argv[1]], settings=settings))\n"
         "print(packing._process.pid, flush=True); os.kill(os.getpid(), 9)"

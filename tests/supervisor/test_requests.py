@@ -12,7 +12,7 @@ from hypothesis import given
 from lfpipe.config import Config, Scene, updated
 from lfpipe.config.session_options import CameraViewer, MouseViewer, NoViewer, Window
 from lfpipe.errors import UserError
-from lfpipe.scene.open_scene import PackerRequest
+from lfpipe.scene.pack import PackerRequest
 from lfpipe.supervisor.process_table import SCORER
 from lfpipe.supervisor.requests import (
     REMOTE_ACTIONS,

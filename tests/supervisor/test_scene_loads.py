@@ -12,10 +12,9 @@ import zmq
 
 from lfpipe.config import Scene, SceneSummary
 from lfpipe.errors import UserError
-from lfpipe.scene.open_scene import PackerRequest
-from lfpipe.supervisor import scene_loads
-from lfpipe.supervisor.control_sockets import Request
-from lfpipe.supervisor.scene_loads import SceneEvent, SceneLoads
+from lfpipe.scene.pack import PackerRequest
+from lfpipe.supervisor import control_sockets
+from lfpipe.supervisor.control_sockets import Request, SceneEvent, SceneLoads
 from tests.support.world import write_scene
 
 CLIENT = Request(b"client", message={"cmd": "load"})
@@ -70,7 +69,7 @@ def test_scene_loads_make_a_scene_ready_then_complete(
     settings: Scene,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(scene_loads, "STEP_NS", 0)
+    monkeypatch.setattr(control_sockets, "STEP_NS", 0)
     assert loads.want(CLIENT, wanted(scene, settings)) is None
     happened = events(loads)
     assert happened[0].request is CLIENT and isinstance(happened[0].scene, SceneSummary)
@@ -107,7 +106,9 @@ def test_a_load_that_cannot_start_leaves_the_one_before(
     """Its client was never answered."""
     loads.want(CLIENT, wanted(write_scene(tmp_path / "first", 1, 2), settings))
     with monkeypatch.context() as patched:
-        patched.setattr(scene_loads, "Packing", Mock(side_effect=UserError("no memory", "end one")))
+        patched.setattr(
+            control_sockets, "Packing", Mock(side_effect=UserError("no memory", "end one"))
+        )
         with pytest.raises(UserError, match="no memory"):
             loads.want(Request(b"other"), wanted(tmp_path / "second", settings))
     assert next(event.request for event in events(loads)) == CLIENT

@@ -140,7 +140,7 @@ def install(
     """Write a systemd unit that shows SCENE in full screen when your desktop starts, and restarts
     it after a failure.
     """
-    from lfpipe.scene.open_scene import absolute_path
+    from lfpipe.scene.pack import absolute_path
 
     code = kiosk_code(code_file)
     settings = configuration.load().scene

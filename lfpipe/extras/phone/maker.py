@@ -12,7 +12,7 @@ import attrs
 
 from lfpipe.extras.phone.slide import Slide, make_slide
 from lfpipe.host.worker import Report, Worker, serve
-from lfpipe.scene.open_scene import SILENT_S
+from lfpipe.scene.pack import SILENT_S
 from lfpipe.scene.packer import MEMORY_BYTES
 from lfpipe.scene.source import Progress
 

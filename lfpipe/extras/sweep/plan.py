@@ -27,8 +27,7 @@ import attrs
 from lfpipe import config
 from lfpipe.config.check import closest, flat
 from lfpipe.errors import UserError
-from lfpipe.files.safe_files import read_text
-from lfpipe.files.untrusted import toml_table
+from lfpipe.files.safe_files import read_text, toml_table
 
 QUALITY, TABLE, REPLAY, TRUTH = "quality", "table", "replay", "truth"
 BENCH = ("tracker", "synthesis", "stability")  # as `lfpipe bench` names them

@@ -20,8 +20,7 @@ from lfpipe.bench.results import STATES, read
 from lfpipe.errors import UserError, plain, quoted
 from lfpipe.extras.sweep.plan import QUALITY, REPLAY, TABLE, TRUTH, Cell
 from lfpipe.extras.sweep.results import DIED, DIFFERS, FAILED, LEFT_OUT, OK, Outcome
-from lfpipe.files.safe_files import read_text, write_output
-from lfpipe.files.untrusted import json_fields
+from lfpipe.files.safe_files import json_fields, read_text, write_output
 from lfpipe.host.files import exists, is_dir
 from lfpipe.replays.run import REPORT, read_report
 

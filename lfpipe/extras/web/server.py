@@ -35,7 +35,7 @@ from tornado.web import Application, HTTPError, RequestHandler
 
 from lfpipe.errors import UserError
 from lfpipe.extras.web.page_feed import Feed
-from lfpipe.files.untrusted import json_fields
+from lfpipe.files.safe_files import json_fields
 from lfpipe.host.files import allow_files, free_files
 from lfpipe.transport.control import Message
 

@@ -21,8 +21,7 @@ from PIL.ExifTags import IFD, Base
 
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import FORMATS, MAX_DECODING_BYTES, heic_depth, open_header
-from lfpipe.files.safe_files import open_file
-from lfpipe.files.untrusted import finite
+from lfpipe.files.safe_files import finite, open_file
 from lfpipe.scene.video import film_ends, is_spatial
 
 _HEIC = (".heic", ".heif")

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from lfpipe import config
-from lfpipe.files.untrusted import json_fields
+from lfpipe.files.safe_files import json_fields
 from lfpipe.scene.demo_drawing import Floats, Picture, draw_view
 from lfpipe.scene.demo_scenes import OFFSET_PX, solids_of
 from lfpipe.scene.pack import DEMO_MARKER, DEMO_SIZE_PX

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.files.untrusted import finite, json_fields
+from lfpipe.files.safe_files import finite, json_fields
 from lfpipe.scene.layouts._folders import subfolders
 from lfpipe.scene.layouts._grid import (
     FULL,
