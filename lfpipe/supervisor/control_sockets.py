@@ -1,7 +1,7 @@
 """What a session waits for without blocking, whatever bytes arrive: requests on ctl, not
-interpreted here, and telemetry from bus to tap; answers that wait until the stages have applied a revision of
-the state, or have executed a command; and its packers, one for the disparity of the scene on
-screen, one for a requested scene.
+interpreted here, and telemetry from bus to tap; answers that wait until the stages have applied
+a revision of the state, or have executed a command; and its packers, one for the disparity of the
+scene on screen, one for a requested scene.
 """
 
 import contextlib
