@@ -91,7 +91,6 @@ class FrameSource(Protocol):
         sleeps for a recording. Raises BrokenFrame for a frame of a recording that cannot be
         decoded; its number is then missing.
         """
-        ...
 
     def close(self) -> None: ...
 

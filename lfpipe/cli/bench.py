@@ -7,10 +7,18 @@ from pathlib import Path
 import click
 
 from lfpipe.bench.benchmarks import BENCHMARKS, TABLE
-from lfpipe.bench.results import Results
+from lfpipe.bench.inputs import Inputs
+from lfpipe.bench.page import write_report
+from lfpipe.bench.results import Results, write
+from lfpipe.bench.runner import measure, opened
+from lfpipe.bench.simulator.bounds import beyond
+from lfpipe.bench.summary import headlines, sentences
+from lfpipe.bench.table import Protocol, measure_scenes
 from lfpipe.cli.options import PATH, with_config
-from lfpipe.cli.terminal import Group, print_result, say
+from lfpipe.cli.terminal import Group, print_result, progress, say
 from lfpipe.config import Config
+from lfpipe.scene.pack import open_scene
+from lfpipe.supervisor.process_table import SCORER
 
 OUT = click.option(
     "--out",
@@ -48,10 +56,6 @@ def _command(name: str, benchmarks: tuple[str, ...], about: str) -> click.Comman
     def run(
         scene: Path | None, sequence: Path | None, out: Path, quick: bool, config: Config
     ) -> None:
-        from lfpipe.bench.inputs import Inputs
-        from lfpipe.bench.runner import measure
-        from lfpipe.cli.terminal import progress
-
         with progress() as bar:
             inputs = Inputs(
                 scene_path=scene, sequence_path=sequence, quick=quick, settings=config, progress=bar
@@ -96,11 +100,6 @@ def viewer(tracks: tuple[Path, ...], out: Path, quick: bool, check: bool) -> int
     Scripted viewers sit, sway, leave and return in front of a simulated camera and screen. Scenes
     are drawn exactly from any viewpoint. Time is simulated: every run yields the same errors.
     """
-    from lfpipe.bench.inputs import Inputs
-    from lfpipe.bench.runner import measure
-    from lfpipe.bench.simulator.bounds import beyond
-    from lfpipe.cli.terminal import progress
-
     with progress() as bar:
         results = measure(("viewer",), Inputs(quick=quick, tracks=tracks), out, bar)
     _report(results, out, ("viewer",))
@@ -146,13 +145,6 @@ def table(
     FOLDER is a light field of any layout. The table shows PSNR, SSIM, and the time per picture. The
     exit code is 1 if a scene was skipped.
     """
-    from lfpipe.bench.results import write
-    from lfpipe.bench.runner import opened
-    from lfpipe.bench.table import Protocol, measure_scenes
-    from lfpipe.cli.terminal import progress
-    from lfpipe.scene.pack import open_scene
-    from lfpipe.supervisor.process_table import SCORER
-
     opened(out)
     with progress() as bar:
         fields = [
@@ -170,9 +162,6 @@ def table(
 
 def _report(results: dict[str, Results], out: Path, names: Sequence[str] = ()) -> None:
     """Writes the report of all results; prints its path, and what the named ones found."""
-    from lfpipe.bench.page import write_report
-    from lfpipe.bench.summary import headlines, sentences
-
     for one in results.values():
         for method, reason in one.failures.items():
             say(f"failed: {method}: {reason}")

@@ -101,11 +101,6 @@ def live_rings(live: LiveSource) -> dict[str, RingSpec]:
     }
 
 
-def eye_views(live: LiveSource) -> list[View]:
-    """The views that a program draws for both eyes: the first two."""
-    return [divmod(eye, live.cols) for eye in (0, 1)]
-
-
 def cut(
     frame: NDArray[np.uint8], live: LiveSource, view: View, swapped: bool = False
 ) -> NDArray[np.uint8]:
@@ -294,7 +289,7 @@ class Program:
         if not 0 < step_px <= live.width_px or (np.abs(positions) > MAX_SIDE_VIEWS).any():
             return None
         if np.isfinite(positions).all():
-            views = eye_views(live)
+            views = [divmod(eye, live.cols) for eye in (0, 1)]  # a program draws the first two
         maps = {view: np.array(record["maps"][view]) for view in views}
         found = disparity_record(live, maps, step_px)
         found["positions"] = positions

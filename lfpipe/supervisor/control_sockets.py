@@ -273,24 +273,10 @@ WANTED, SHOWN = "wanted", "shown"  # scenes: of a request, and on the screen
 Send = Callable[[Message], None]  # to the stage that shows pictures
 
 
-@attrs.frozen
-class SceneEvent:
-    """A result of a packer."""
-
-    request: Request | None
-    """The request for the scene; None for the scene on the screen."""
-    scene: SceneSummary | Exception
-    """The scene, ready to be shown, or the error."""
-    scenes: list[str] = attrs.field(factory=list)
-    """The light fields in the requested path; the scene is the first."""
-    unusable: Mapping[str, str] = attrs.field(factory=dict)
-    """Those that cannot be opened, and why."""
-    note: str = ""
-    """What a person should know about the rest of a folder."""
-
-
-class _Load:
-    """A running packer, and its last reported progress."""
+class Load:
+    """A running packer, and its last reported progress. request: for the scene; None for the scene
+    on the screen.
+    """
 
     def __init__(self, packing: Packing, send: Send, request: Request | None = None) -> None:
         self.packing = packing
@@ -316,8 +302,8 @@ class _Load:
             }
         )
 
-    def event(self) -> SceneEvent | None:
-        """The event, if the packer has ended or a wanted scene can be shown."""
+    def outcome(self) -> SceneSummary | Exception | None:
+        """The scene once it is ready to be shown, or the error."""
         packing = self.packing
         scene: SceneSummary | Exception | None = packing.views if self.request else None
         if packing.done:
@@ -327,9 +313,7 @@ class _Load:
                 scene = error
                 for path in packing.scenes[:1]:  # the packer may have crashed
                     packing.unusable.setdefault(path, str(error).partition("\n")[0])
-        if scene is None:
-            return None
-        return SceneEvent(self.request, scene, packing.scenes, packing.unusable, packing.note)
+        return scene
 
 
 class SceneLoads:
@@ -338,13 +322,13 @@ class SceneLoads:
     def __init__(self, send: Send, packing: Packing | None = None) -> None:
         """packing: the packer of the session's first scene, while it works."""
         self._send = send
-        self._loads = {} if packing is None else {SHOWN: _Load(packing, send)}
+        self._loads = {} if packing is None else {SHOWN: Load(packing, send)}
 
     def want(self, request: Request, scene: PackerRequest) -> Request | None:
         """Starts to load a scene; returns the request that it replaces, if any. Raises UserError if
         no packer can be started; the one that runs then goes on.
         """
-        load = _Load(Packing(scene), self._send, request)
+        load = Load(Packing(scene), self._send, request)
         replaced = self._loads.get(WANTED)
         self._end(WANTED)
         self._loads[WANTED] = load
@@ -355,8 +339,8 @@ class SceneLoads:
         """Descriptors that wake the supervisor."""
         return [fd for load in self._loads.values() for fd in load.packing.fds]
 
-    def events(self) -> list[SceneEvent]:
-        """Reads the packers' output; returns the events."""
+    def events(self) -> list[tuple[Load, SceneSummary | Exception]]:
+        """Reads the packers' output; returns the loads with an outcome, and that."""
         events = []
         for name in (WANTED, SHOWN):
             load = self._loads.get(name)
@@ -364,15 +348,15 @@ class SceneLoads:
                 continue
             load.packing.read()
             load.report()
-            event = load.event()
-            if event is None:
+            scene = load.outcome()
+            if scene is None:
                 continue
-            events.append(event)
-            if isinstance(event.scene, SceneSummary):
+            events.append((load, scene))
+            if isinstance(scene, SceneSummary):
                 self._end(SHOWN)
-            if event.scene is load.packing.views:  # the packer continues with its disparity
+            if scene is load.packing.views:  # the packer continues with its disparity
                 load.report(end=True)
-                self._loads = {SHOWN: _Load(load.packing, self._send)}
+                self._loads = {SHOWN: Load(load.packing, self._send)}
             else:
                 self._end(name)
         return events

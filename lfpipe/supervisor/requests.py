@@ -103,7 +103,6 @@ class RequestPlugin(Protocol):
 
     def respond(self, state: SessionState, message: Message, t_ns: int) -> Reply:
         """As `respond`."""
-        ...
 
 
 def commands() -> list[str]:

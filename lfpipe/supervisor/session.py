@@ -19,7 +19,7 @@ import zmq
 
 from lfpipe import log as session_log
 from lfpipe._version import __version__
-from lfpipe.config import Config, SessionOptions, converter
+from lfpipe.config import Config, SceneSummary, SessionOptions, converter
 from lfpipe.config.session_options import Lossless
 from lfpipe.errors import UserError, plain, redacted
 from lfpipe.host import signals
@@ -32,7 +32,6 @@ from lfpipe.supervisor.control_sockets import (
     ControlSockets,
     PendingAnswers,
     Request,
-    SceneEvent,
     SceneLoads,
 )
 from lfpipe.supervisor.governor import QualityControl
@@ -120,7 +119,7 @@ class LiveSession:
             self.stages = parts.enter_context(
                 closing(StageProcesses(session, table, self._spec, ask_to_stop, self.notify))
             )
-            self._parts = parts.pop_all()
+            self.close = parts.pop_all().close  # stops the stages and removes the memory
         self._pending = PendingAnswers()
         self._trial = Trial()
         self._quality = QualityControl(self._cpus)
@@ -135,10 +134,6 @@ class LiveSession:
     def state(self) -> SessionState:
         """The current state."""
         return self._store.state
-
-    def close(self) -> None:
-        """Stops the stages and removes the memory."""
-        self._parts.close()
 
     def loop(self, duration_s: float | None, signals: Sequence[int], lock: Lock) -> Outcome:
         """Runs the session to its end. duration_s: from when all stages are ready. signals:
@@ -507,24 +502,24 @@ class LiveSession:
 
     def _take_scenes(self) -> None:
         """Shows scenes that are packed now."""
-        for event in self._loads.events():
-            if event.request is not None:
-                self._respond(event.request, partial(self._loaded, event))
-            elif isinstance(event.scene, Exception):
-                logger.info("refused: %s", event.scene)
+        for load, scene in self._loads.events():
+            if load.request is not None:
+                message = load.request.message
+                self._respond(load.request, partial(self._loaded, message, load.packing, scene))
+            elif isinstance(scene, Exception):
+                logger.info("refused: %s", scene)
             else:
-                self._apply(on_complete(self.state, event.scene))
+                self._apply(on_complete(self.state, scene))
 
-    def _loaded(self, event: SceneEvent) -> Reply:
-        assert event.request is not None
-        message, known = event.request.message, self.state.options.unusable
-        if isinstance(event.scene, Exception):
-            self._apply(self.state.changed().without(event.unusable))
-            if "step" in message and not event.unusable.keys() <= known.keys():
+    def _loaded(self, message: Message, packing: Packing, scene: SceneSummary | Exception) -> Reply:
+        known = self.state.options.unusable
+        if isinstance(scene, Exception):
+            self._apply(self.state.changed().without(packing.unusable))
+            if "step" in message and not packing.unusable.keys() <= known.keys():
                 return respond(self.state, message, now_ns())
-            raise event.scene
-        reply = on_load(self.state, event.scene, event.scenes, event.unusable)
-        return attrs.evolve(reply, answer={**reply.answer, "note": event.note})
+            raise scene
+        reply = on_load(self.state, scene, packing.scenes, packing.unusable)
+        return attrs.evolve(reply, answer={**reply.answer, "note": packing.note})
 
     def _deliver(self) -> None:
         """Sends a new state to the stages, and the answers that waited for them."""

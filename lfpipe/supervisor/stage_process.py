@@ -148,17 +148,6 @@ class StageProcess:
             f" {silent_s:.1f} s"
         )
 
-    @property
-    def saving_description(self) -> str:
-        """A description of the results that the process writes at its end, while it makes progress;
-        else "".
-        """
-        return (
-            busy_work(self.row)
-            if self.row["state"] == State.STOPPING and not self.hang_reason()
-            else ""
-        )
-
     def kill(self) -> None:
         """Kills a hung process. On a stalled machine its end may take long."""
         self.signal(signals.KILL)
@@ -331,8 +320,12 @@ def wait_for_end(stages: Collection[StageProcess], notify: Callable[[str], None]
         due_ns = now_ns() + int(limit_s * 1e9)
         while living := [process for process in stages if process.alive]:
             if now_ns() >= due_ns:
-                saving = {process.stage.name: process.saving_description for process in living}
-                saving = {name: text for name, text in saving.items() if text}
+                saving = {
+                    process.stage.name: work
+                    for process in living
+                    if process.row["state"] == State.STOPPING and not process.hang_reason()
+                    if (work := busy_work(process.row))
+                }
                 if not saving:
                     break
                 for name in saving.keys() - reported:

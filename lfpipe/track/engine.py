@@ -82,18 +82,15 @@ class Engine(Protocol):
 
         The engine keeps its region of interest between calls.
         """
-        ...
 
     def examine(self, image: NDArray[np.uint8]) -> None:
         """Searches the last picture of `detect` for other faces, about once a second.
 
         Call it when there is time.
         """
-        ...
 
     def reset(self) -> None:
         """Stops following; the next picture starts a new choice."""
-        ...
 
     def close(self) -> None: ...
 
@@ -127,21 +124,17 @@ class FaceNetworks(Protocol):
 
     def detect(self, image: NDArray[np.uint8], region: Roi | None = None) -> list[Detection]:
         """Faces in uint8 (height, width, 3) BGR, or in a region of it; highest score first."""
-        ...
 
     def detect_far(self, image: NDArray[np.uint8], region: Roi | None = None) -> list[Detection]:
         """The same, for small faces; slower."""
-        ...
 
     def logit(self, image: NDArray[np.uint8], roi: Roi) -> float:
         """Logit of the confidence that roi shows an upright face."""
-        ...
 
     def measure(
         self, image: NDArray[np.uint8], roi: Roi, min_confidence: float
     ) -> tuple[Face, Roi] | None:
         """The face in roi, at any lean, and its region in the next picture."""
-        ...
 
 
 class LitertNetworks:

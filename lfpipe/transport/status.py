@@ -205,20 +205,6 @@ class MetricSet:
         at = {metric.name: metric.shown(value) for metric, value in stored}
         return {metric.key: at[metric.name] for metric in self}
 
-    def to_plain(self) -> list[list[Any]]:
-        """As plain values, for the head of the status table."""
-        return [[one.name, one.kind.value, one.meaning, list(one.states)] for one in self]
-
-    @classmethod
-    def from_plain(cls, plain: list[list[Any]]) -> "MetricSet":
-        """The reverse of `to_plain`. Raises ValueError, TypeError."""
-        return cls(
-            *(
-                Metric(name, Kind(kind), meaning, tuple(states))
-                for name, kind, meaning, states in plain
-            )
-        )
-
 
 NO_METRICS = MetricSet()
 
@@ -302,7 +288,11 @@ def create(path: Path, stages: Mapping[str, MetricSet]) -> Segment:
     segment. Raises UserError as `create_segment` does, ValueError if
     there are too many stages or metrics.
     """
-    declared = json.dumps({stage: metrics.to_plain() for stage, metrics in stages.items()}).encode()
+    plain = {
+        stage: [[one.name, one.kind.value, one.meaning, one.states] for one in metrics]
+        for stage, metrics in stages.items()
+    }
+    declared = json.dumps(plain).encode()
     if len(stages) > PAGE_ROWS or len(declared) > MAX_DECLARED_BYTES:
         raise ValueError(f"{len(stages)} stages with {len(declared)} bytes of metrics do not fit")
     memory = create_segment(path, SIZE_BYTES)
@@ -342,7 +332,15 @@ class Table:
         }
         size = int(np.frombuffer(buffer, "<i8", 1, 2 * len(MAGIC))[0])
         declared = json.loads(bytes(buffer[HEAD : HEAD + size]))
-        self.metrics = {stage: MetricSet.from_plain(declared[stage]) for stage in self.rows}
+        self.metrics = {
+            stage: MetricSet(
+                *(
+                    Metric(name, Kind(kind), meaning, tuple(states))
+                    for name, kind, meaning, states in declared[stage]
+                )
+            )
+            for stage in self.rows
+        }
 
     def close(self) -> None:
         """Drops the views, then the mapping."""

@@ -14,7 +14,7 @@ from lfpipe.config import Scene, SceneSummary
 from lfpipe.errors import UserError
 from lfpipe.scene.pack import PackerRequest
 from lfpipe.supervisor import control_sockets
-from lfpipe.supervisor.control_sockets import Request, SceneEvent, SceneLoads
+from lfpipe.supervisor.control_sockets import Load, Request, SceneLoads
 from tests.support.world import write_scene
 
 CLIENT = Request(b"client", message={"cmd": "load"})
@@ -39,17 +39,20 @@ def loads(news: list[dict[str, Any]]) -> Iterator[SceneLoads]:
     made.close()
 
 
-def _ends(event: SceneEvent) -> bool:
-    return isinstance(event.scene, Exception) or event.scene.complete
+Event = tuple[Load, SceneSummary | Exception]
+
+
+def _ends(event: Event) -> bool:
+    return isinstance(event[1], Exception) or event[1].complete
 
 
 def wanted(scene: Path, settings: Scene) -> PackerRequest:
     return PackerRequest(scenes=[scene], settings=settings, remember=True)
 
 
-def events(loads: SceneLoads) -> list[SceneEvent]:
+def events(loads: SceneLoads) -> list[Event]:
     """What happens until a packer has ended."""
-    happened: list[SceneEvent] = []
+    happened: list[Event] = []
     end = time.monotonic() + LIMIT_S
     while not any(map(_ends, happened)):
         assert time.monotonic() < end
@@ -72,9 +75,9 @@ def test_scene_loads_make_a_scene_ready_then_complete(
     monkeypatch.setattr(control_sockets, "STEP_NS", 0)
     assert loads.want(CLIENT, wanted(scene, settings)) is None
     happened = events(loads)
-    assert happened[0].request is CLIENT and isinstance(happened[0].scene, SceneSummary)
-    assert all(event.request is None for event in happened[1:])
-    last = happened[-1].scene
+    assert happened[0][0].request is CLIENT and isinstance(happened[0][1], SceneSummary)
+    assert all(load.request is None for load, _ in happened[1:])
+    last = happened[-1][1]
     assert isinstance(last, SceneSummary) and last.complete
     steps = [message["step"] for message in news]
     assert all(message["cmd"] == "loading" for message in news) and steps[-1] == ""
@@ -85,9 +88,9 @@ def test_scene_loads_open_a_folder_of_scenes_at_its_first(
 ) -> None:
     scenes = [write_scene(tmp_path / "scenes" / name, 2, 2) for name in ("amber", "birch")]
     loads.want(CLIENT, attrs.evolve(wanted(tmp_path / "scenes", settings), expand=True))
-    first = events(loads)[0]
-    assert first.scenes == list(map(str, scenes))
-    assert isinstance(first.scene, SceneSummary) and first.scene.name == "amber"
+    load, first = events(loads)[0]
+    assert load.packing.scenes == list(map(str, scenes))
+    assert isinstance(first, SceneSummary) and first.name == "amber"
 
 
 def test_scene_loads_replace_the_first_request(
@@ -96,8 +99,8 @@ def test_scene_loads_replace_the_first_request(
     loads.want(CLIENT, wanted(scene, settings))
     other = Request(b"other")
     assert loads.want(other, wanted(tmp_path / "nowhere", settings)) is CLIENT
-    (failed,) = events(loads)
-    assert failed.request is other and isinstance(failed.scene, UserError)
+    ((load, scene_or_error),) = events(loads)
+    assert load.request is other and isinstance(scene_or_error, UserError)
 
 
 def test_a_load_that_cannot_start_leaves_the_one_before(
@@ -111,4 +114,4 @@ def test_a_load_that_cannot_start_leaves_the_one_before(
         )
         with pytest.raises(UserError, match="no memory"):
             loads.want(Request(b"other"), wanted(tmp_path / "second", settings))
-    assert next(event.request for event in events(loads)) == CLIENT
+    assert next(load.request for load, _ in events(loads)) == CLIENT
