@@ -19,13 +19,14 @@ from lfpipe import config
 from lfpipe.capture.spec import FileSpec
 from lfpipe.errors import UserError
 from lfpipe.files.codecs import BrokenFrame, fit_note, fitted, is_jpeg, picture_of
+from lfpipe.files.pictures import MAX_DECODING_BYTES
 from lfpipe.files.safe_files import open_regular, reason
 from lfpipe.host.files import is_dir
 from lfpipe.host.terminal import opencv_logging
 from lfpipe.scene.source import natural
 from lfpipe.scene.video import RecordedFrame, Video
 from lfpipe.sequence.folder import is_sequence, open_sequence
-from lfpipe.transport.ring import SECOND_NS, StampKind
+from lfpipe.transport.ring import MS_NS, SECOND_NS, StampKind
 
 _TURNS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
 
@@ -275,7 +276,7 @@ class DemoSource:
 
 # A container that counts milliseconds rounds each stamp by up to 0.5 ms, the encoder by as much
 # again. Within that, the even grid of the frame rate is more accurate than the stamps.
-STAMP_ROUNDING_NS = 1_000_000
+STAMP_ROUNDING_NS = MS_NS
 
 
 class Schedule:
@@ -347,7 +348,6 @@ class Lateness:
 
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".tif", ".tiff", ".webp"})
-MAX_FILE_BYTES = 1 << 28  # of one picture; larger files are refused
 GREY = 128  # of a frame that was not recorded
 MAX_BROKEN = 50  # frames in a row: 2 s of a video
 
@@ -378,7 +378,7 @@ def _load(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     """The bytes of a file, uint8 (n,), and its picture. Raises BrokenFrame."""
     try:
         with open_regular(path) as file:
-            data = np.fromfile(file, np.uint8, MAX_FILE_BYTES)
+            data = np.fromfile(file, np.uint8, MAX_DECODING_BYTES)
     except OSError as error:
         raise BrokenFrame(
             f"{path}: not a readable picture: {reason(error)}", "save it again"

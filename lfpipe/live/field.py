@@ -45,10 +45,9 @@ from lfpipe.live.records import (
 )
 from lfpipe.scene.disparity import border_range, quantised
 from lfpipe.scene.lightfield import UNKNOWN, Disparity, DisparitySource, LightField, Manifest
-from lfpipe.scene.optical_flow import FloatMap, Grey, Mask, grid_xy, robust_fit, textured
+from lfpipe.scene.optical_flow import RETURN_PX, FloatMap, Grey, Mask, grid_xy, robust_fit, textured
 
 SAMPLES = 800  # pixels of a frame that are compared
-TOLERANCE_PX = 0.5  # of the fit: flow beyond it is wrong or of a moving thing
 FAST_FRAMES = 20  # the mean of as many is taken at first
 LATER_SHARE = 0.3  # of a frame afterwards
 FIRM = np.eye(6)[3:]  # weighs k, a and d, of which a picture with little texture says nothing
@@ -83,7 +82,7 @@ class Alignment:
         rest_px = robust_fit(
             np.vstack([matrix, FIRM]),
             np.append(lower_px.ravel()[at], np.zeros(len(FIRM))),
-            TOLERANCE_PX,
+            RETURN_PX,  # of the fit: flow beyond it is wrong or of a moving thing
         )
         self.frames += 1
         share = 1 / self.frames if self.frames <= FAST_FRAMES else LATER_SHARE
@@ -127,8 +126,8 @@ def aligned(picture: NDArray[np.uint8], bend: NDArray[np.float64]) -> NDArray[np
 
 
 RANKS_PERCENT = np.linspace(2, 98, 13)
-# Of a frame in the levels: a drift is followed within 0.2 s; a step, of as many levels, at once.
-SHARE, STEP_LEVELS = 0.3, 8.0
+# a drift of the levels is followed within 0.2 s, by LATER_SHARE; a step, of as many, at once
+STEP_LEVELS = 8.0
 
 
 class Colours:
@@ -153,7 +152,7 @@ class Colours:
             for was, to in zip(*ranks, strict=True)
         ]
         change = np.stack(curves, axis=1) - self._levels[col]
-        self._levels[col] += change * np.clip(np.abs(change).mean() / STEP_LEVELS, SHARE, 1)
+        self._levels[col] += change * np.clip(np.abs(change).mean() / STEP_LEVELS, LATER_SHARE, 1)
 
 
 def matched(picture: NDArray[np.uint8], curve: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -183,10 +182,11 @@ FIT_PX, LEAST_PX, BETTER_LEVELS = (3, 3), (7, 7), 4
 # px^2 below which a picture says little.
 STEP_PX, FLATNESS = 0.5, 30.0
 SAMPLE = np.s_[::4, ::4]  # pixels that stand for all
-# Between the disparity of a point in both views, which agree; of a pair's points that agree.
-RETURN_PX, AGREE_SHARE = 0.5, 0.6
-# disparity of the nearest, and frames in a row below it, by which two cameras are swapped
-BEHIND_PX, BEHIND_FRAMES = -2.0, 30
+# of a pair's points whose disparity in both views agrees, within RETURN_PX
+AGREE_SHARE = 0.6
+# Disparity of the nearest below which two cameras are swapped, and frames in a row that say so, or
+# that say nothing: a camera may begin in black.
+BEHIND_PX, SURE_FRAMES = -2.0, 30
 FINEST_PX, MOST_STEPS = 1 / 16, 127  # step of stored disparity, and of how many
 
 
@@ -266,7 +266,7 @@ class Estimator:
         farther than infinity, which has disparity 0.
         """
         self._behind = self._behind + 1 if nearest_px < BEHIND_PX else 0
-        if self._behind == BEHIND_FRAMES:
+        if self._behind == SURE_FRAMES:
             self.swapped = not self.swapped
             self.alignment = Alignment(self._live.width_px)
             self.colours = Colours(self._live.cols)

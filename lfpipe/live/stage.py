@@ -13,13 +13,12 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.live.field import Estimator
+from lfpipe.live.field import SURE_FRAMES, Estimator
 from lfpipe.live.records import VIEWPOINTS, Program, pairs_in_need, two_cameras, views_of
 from lfpipe.transport import ring
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring import SECOND_NS, Stamp, now_ns
 
-UNCLEAR_FRAMES = 30  # of no use, before a notice: a camera may begin in black
 REPORT_NS = 5 * SECOND_NS  # between two reports of the alignment
 
 
@@ -82,7 +81,7 @@ class DisparityStage:
                 return known
         before = self._estimator.swapped
         found = self._estimator.estimate(frame, pairs, coarse)
-        if self._estimator.strange_frames == UNCLEAR_FRAMES:
+        if self._estimator.strange_frames == SURE_FRAMES:
             context.notify("the views do not show one scene: check the cameras, layout and grid")
         if self._estimator.swapped != before:
             context.notify("the two cameras stand the other way round: views swapped")

@@ -30,6 +30,7 @@ from lfpipe.host.files import is_dir
 from lfpipe.host.worker import Report, serve
 from lfpipe.scene import layouts
 from lfpipe.scene.analysis import AnalysedScene, analyse_scene
+from lfpipe.scene.layouts._folders import DEEPEST
 from lfpipe.scene.lightfield import DisparitySource, LightField, Manifest, MethodScores
 from lfpipe.scene.pack import PackerRequest, cache_dir, open_pack, packed, remember_scene, summarize
 from lfpipe.scene.packing import Score, manifest_of, pack_scene
@@ -137,7 +138,6 @@ def expected_field(manifest: Manifest) -> LightField:
 MEMORY_BYTES = 1 << 30  # mapped files do not count
 MAX_WHY = 100  # characters of a reason: a message holds those of hundreds of scenes
 MAX_ENTRIES = 1000  # of a folder that is searched
-DEPTH = 2  # levels of folders in which a playlist is looked for
 
 
 def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
@@ -202,7 +202,7 @@ def playlist(paths: Iterable[Path], settings: Scene) -> tuple[list[Path], int]:
         known = None
         with contextlib.suppress(UserError):
             known = packed(path, settings)
-        found, more = ([path], 0) if known is not None else _scenes_in(path, settings, DEPTH)
+        found, more = ([path], 0) if known is not None else _scenes_in(path, settings, DEEPEST)
         scenes += found or [path]
         others += more
     return scenes, others

@@ -41,7 +41,7 @@ from lfpipe.files.safe_files import (
 from lfpipe.host.files import exists
 from lfpipe.sequence.packets import (
     COPY,
-    EYES_LINE_BYTES,
+    EYES_BYTES,
     HEADER_BYTES,
     INDEX,
     LINE_BYTES,
@@ -392,7 +392,7 @@ def cut(sequence: Sequence, out: Path, begin_s: float, end_s: float) -> int:
 def _rows(truth: Path, first: int, last: int) -> Iterator[bytes]:
     """The head of a table, and its rows from first to last. Raises UserError."""
     try:
-        for number, row in itertools.islice(lines(truth, EYES_LINE_BYTES, REMEDY), last + 2):
+        for number, row in itertools.islice(lines(truth, EYES_BYTES, REMEDY), last + 2):
             if number == 1 or number >= first + 2:
                 yield row
     except OSError as error:

@@ -49,7 +49,9 @@ _PICTURE_BYTES, _PROGRESSIVE_BYTES = 6, 12
 MAX_PIXELS = MAX_DECODING_BYTES // _PICTURE_BYTES
 HEADER_BYTES = 1 << 20  # a packet is at most as large as the raw frame, plus headers
 PACKET_BYTES = 3 * MAX_PIXELS + HEADER_BYTES
-EYES_BYTES = 4096  # of a packet of eyes: as JSON it takes forty times as much; one of ours has 400
+# of a packet of eyes, or a row of true ones: as JSON it takes forty times as much; one of ours has
+# 400 or 200
+EYES_BYTES = 4096
 # A packet and what decodes it: who checks a sequence needs at most 300 MB, 80 MB of it for itself.
 DECODING_BYTES = 210_000_000
 MAX_PACKETS = 1 << 20  # 9.7 hours at 30 Hz; each takes 65 bytes of memory
@@ -318,7 +320,6 @@ class PacketWriter:
 
 TRUTH = "truth.csv"
 COLUMNS = ("left_x_px", "left_y_px", "right_x_px", "right_y_px")
-EYES_LINE_BYTES = 4096  # one of ours has some 200
 REMEDY = (
     f"write one row per frame with columns t_ns, {', '.join(COLUMNS)}, and optionally visible (0"
     " or 1)"
@@ -421,7 +422,7 @@ def table_of(path: Path) -> Truth:
     where = str(path)
     try:
         table = csv.DictReader(
-            (line.decode() for _, line in lines(path, EYES_LINE_BYTES, REMEDY)), strict=True
+            (line.decode() for _, line in lines(path, EYES_BYTES, REMEDY)), strict=True
         )
         columns = list(table.fieldnames or ())
         if missing := [name for name in ("t_ns", *COLUMNS) if columns.count(name) != 1]:

@@ -145,7 +145,8 @@ def _received(socket: zmq.Socket[bytes]) -> Iterator[list[bytes]]:
 Then = Callable[[Mapping[str, Message]], Any]
 APPLY_NS = SECOND_NS  # time limit for the stages to apply a change before the answer
 OF_THE_MESSAGE = ("v", "cmd", "number", "id")  # not of the answer
-EXECUTE_NS = 2 * SECOND_NS  # time limit for the stages to execute a command
+# time limit for the stages to execute a command, or to finish their work after the source's end
+EXECUTE_NS = 2 * SECOND_NS
 START_NS = 12 * SECOND_NS  # likewise for a stage that starts for it: a disk or camera may be slow
 
 

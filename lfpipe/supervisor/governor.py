@@ -23,7 +23,8 @@ from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.ring import SECOND_NS
 from lfpipe.transport.status import State
 
-# viewers notice lag immediately; frequent changes of level are more annoying than a lower one
+# Viewers notice lag immediately; frequent changes of level are more annoying than a lower one. A
+# second without lag, or without headroom, cancels as much of it.
 LAG_S, HEADROOM_S = 0.5, 5.0
 MAX_HEADROOM_S = 300.0  # maximum headroom time before a higher level is tried
 KEPT_S = 10.0  # a level that lags sooner was tried in vain
@@ -34,9 +35,7 @@ PAUSE_S = 0.7  # after a loss: a burst of a second costs one level
 # of the outputs due; one or two frames in half a second are due to the scheduler
 LATE_SHARE = 0.1
 FULL_SHARE, HEADROOM_SHARE = 0.9, 0.6  # busy share of the time: above is lag, below is headroom
-FORGET = 0.5  # s of lag that one second without lag cancels
 HICCUP_S = 0.25  # limit of one sample: a process that was stopped or starved once does not lag
-HEADROOM_LOSS = 5.0  # s of headroom that one second without headroom cancels
 # Between two samples, or checks of the stages: the machine or the supervisor was suspended or
 # starved, probably like the stages. After this time without output,
 # the headroom of a stage is unknown.
@@ -118,7 +117,7 @@ class _Stage:
         if not due:
             return None if load.span_s > GAP_S else True
         lags = load.missed > LATE_SHARE * due or load.share > FULL_SHARE
-        change_s = min(load.span_s, HICCUP_S) if lags else -FORGET * load.span_s
+        change_s = min(load.span_s, HICCUP_S) if lags else -LAG_S * load.span_s
         self.lag_s = max(0.0, self.lag_s + change_s)
         self.lagging = self.lagging.plus(load) if self.lag_s else Load()
         return load.missed == 0 and load.share < HEADROOM_SHARE
@@ -159,7 +158,7 @@ class Governor:
             for name, load in loads.items()
         ]
         if False in headrooms:
-            self._headroom_s = max(0.0, self._headroom_s - HEADROOM_LOSS * dt_s)
+            self._headroom_s = max(0.0, self._headroom_s - HEADROOM_S * dt_s)
         elif headrooms and None not in headrooms:
             self._headroom_s += dt_s
         relieved = self._relieves[self.level] if self.level < len(self._relieves) else ()

@@ -29,6 +29,7 @@ from lfpipe.config.quality import first_level, quality_levels
 from lfpipe.config.session_options import Lossless, watching
 from lfpipe.host.files import Segment, make_fifo
 from lfpipe.live.records import live_rings
+from lfpipe.notices import FAULT_NS
 from lfpipe.scene.pack import hold_pack
 from lfpipe.supervisor.child import EXIT_TERMINATED
 from lfpipe.supervisor.process_table import (
@@ -43,10 +44,11 @@ from lfpipe.supervisor.process_table import (
 )
 from lfpipe.transport import control, ring, status
 from lfpipe.transport.control import Message, Session
-from lfpipe.transport.ring import SECOND_NS, RingSpec
+from lfpipe.transport.ring import RingSpec
 
-# counted after all stages have applied a change; a stage that cannot use it fails sooner
-TRIAL_NS = 2 * SECOND_NS
+# counted after all stages have applied a change; a stage that cannot use it fails sooner, and a part
+# that does not work is reported by then
+TRIAL_NS = FAULT_NS
 
 
 def new_ring(kind: str) -> str:

@@ -16,11 +16,12 @@ from lfpipe.host.files import exists
 from lfpipe.host.machine import is_stopped
 from lfpipe.host.worker import PATIENCE, Child, python
 from lfpipe.supervisor import child
+from lfpipe.supervisor.control_sockets import EXECUTE_NS
 from lfpipe.supervisor.governor import GAP_S
 from lfpipe.supervisor.process_table import SOURCE, STAGES, Stage
 from lfpipe.transport.context import StageSpec
 from lfpipe.transport.control import Session
-from lfpipe.transport.ring import SECOND_NS, now_ns
+from lfpipe.transport.ring import now_ns
 from lfpipe.transport.status import ENDED, State, Table, busy_work, clear
 
 logger = logging.getLogger(__name__)
@@ -32,7 +33,6 @@ HANG_S = 5.5
 # likewise: time for a disk to spin up, for a network to return, or for a display server that other
 # programs overload
 BUSY_S = 60.0
-DRAIN_NS = 2 * SECOND_NS  # time for the stages to finish their work after the source has ended
 # time limits after "stop", after SIGTERM (on a busy machine), after SIGKILL
 STOP_S, TERM_S, KILL_S = 0.9, 3.0, 5.0
 PASSES = ((STOP_S, signals.END), (TERM_S, signals.KILL), (KILL_S, None))
@@ -265,7 +265,7 @@ class StageProcesses:
         last = int(self._table.rows[SOURCE]["source_seq"]) - every + 1
         rows = [process.row for process in self if process.alive]
         done = all(int(row["source_seq"]) >= last or row["state"] in ENDED for row in rows)
-        return done or now_ns() - self._drain_since_ns > DRAIN_NS
+        return done or now_ns() - self._drain_since_ns > EXECUTE_NS
 
     def name_source(self, before: str, now: str) -> None:
         """The source of the viewer has another name now: no stage starts again for it."""

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from lfpipe.track.engine import Face, FaceNetworks, LitertNetworks
 from lfpipe.track.network import (
+    FAST_SCAN_PERIOD,
     SAME_OVERLAP,
     Box,
     Detection,
@@ -124,7 +125,6 @@ KEPT_CONFIDENCE = 0.2
 # The same behind a mask and anaglyph glasses (-5.3 logits in one of 20), if the detector confirms
 # the face: it scores 19 of 20 such faces at 0.7, and the likeliest scene without a face at 0.6.
 DOUBTFUL_CONFIDENCE, CERTAIN_SCORE = 0.005, 0.7
-RECHECK_PICTURES = 10  # pictures after which a doubtful face must be detected again
 MAX_CANDIDATES = 6  # faces per picture that the landmark network tries, 1.3 ms each
 # Eye distance over the picture's longer side (1.5 m away): the near detector misses such faces.
 SMALL_EYE_DISTANCE = 0.04
@@ -200,7 +200,7 @@ class LitertEngine:
             self._doubts = 0
             return True
         self._doubts += 1
-        if self._doubts % RECHECK_PICTURES != 1:
+        if self._doubts % FAST_SCAN_PERIOD != 1:
             return True
         found = self._networks.detect(image)
         return any(

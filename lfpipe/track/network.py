@@ -218,7 +218,7 @@ SAME_OVERLAP = 0.2
 # behind the viewer.
 HOME_OVERLAP = 0.45
 SCAN_PERIOD = 30  # pictures between two scans of the whole picture: about a second
-FAST_SCAN_PERIOD = 10  # the same while another face may be the viewer
+FAST_SCAN_PERIOD = 10  # the same while another face may be the viewer, or this one none
 NEARER_SCANS = 4  # consecutive fast scans that a nearer face must win: about a second
 MIN_NEARER_RATIO = 1.6  # of prominence; equal faces never alternate
 HOME_GAIN = 0.02  # low-pass gain of the viewer's usual place: 50 pictures

@@ -46,6 +46,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.eyes import MAX_STEP_NS
 from lfpipe.host.files import PAGE as PAGE
 from lfpipe.host.files import Segment, create_segment, publish_segment
 from lfpipe.host.machine import asleep_ns, fence
@@ -55,7 +56,6 @@ now_ns = time.monotonic_ns
 SECOND_NS = 1_000_000_000
 MS_NS = 1_000_000
 POLL_S = 0.001  # between two looks at a ring whose writer wakes nobody
-SLEPT_NS = SECOND_NS // 2  # the gap after which filters are reset
 
 
 def sleep_until(t_ns: int) -> None:
@@ -73,11 +73,11 @@ class SleepWatch:
         self._known_ns = asleep()
 
     def woke(self) -> bool:
-        """Whether the machine was suspended for at least SLEPT_NS since the last call that returned
-        True.
+        """Whether the machine was suspended for at least MAX_STEP_NS, the gap after which filters
+        are reset, since the last call that returned True.
         """
         slept_ns = self._asleep()
-        if slept_ns - self._known_ns < SLEPT_NS:
+        if slept_ns - self._known_ns < MAX_STEP_NS:
             return False
         self._known_ns = slept_ns
         return True

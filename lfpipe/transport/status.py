@@ -33,10 +33,11 @@ from numpy.typing import NDArray
 
 from lfpipe.files.safe_files import MAX_INTEGER
 from lfpipe.host.files import Segment, create_segment, publish_segment
-from lfpipe.transport.ring import now_ns
+from lfpipe.transport.ring import SLOT_HEADER, now_ns
 
-LAST_OCTAVE = 26  # values to 2^32 us, 71 minutes; longer values go to the last bucket
-BUCKETS = (LAST_OCTAVE << 5) + 64  # 32 an octave, after 64 of single microseconds
+# 26 octaves of 32, to 2^32 us (71 minutes), after 64 of single microseconds; longer values go to the
+# last bucket
+BUCKETS = (26 << 5) + 64
 MAX_NS = MAX_INTEGER  # of a 64-bit counter
 Times = dict[str, float]  # of `summary_ms`
 HISTOGRAM = np.dtype(
@@ -276,9 +277,8 @@ PAGE_ROWS = 16  # stages: lfpipe has seven, other packages the rest
 SESSION = np.dtype([("level", "<i8"), ("lowest", "<i8"), ("words", "S96")])
 
 MAGIC = b"LFSTAT1\0"
-HEAD = 64  # a cache line
 MAX_DECLARED_BYTES = 16 << 10
-ROWS_AT = HEAD + MAX_DECLARED_BYTES
+ROWS_AT = SLOT_HEADER + MAX_DECLARED_BYTES
 SIZE_BYTES = ROWS_AT + PAGE_ROWS * ROW.itemsize + SESSION.itemsize
 LAYOUT = zlib.crc32(repr((ROW.descr, PAGE_ROWS, SESSION.descr)).encode())
 
@@ -299,7 +299,7 @@ def create(path: Path, stages: Mapping[str, MetricSet]) -> Segment:
     buffer = memory.buf
     table = np.frombuffer(buffer, ROW, PAGE_ROWS, ROWS_AT)
     table["name"][: len(stages)] = [stage.encode() for stage in stages]
-    buffer[HEAD : HEAD + len(declared)] = declared
+    buffer[SLOT_HEADER : SLOT_HEADER + len(declared)] = declared
     np.frombuffer(buffer, "<i8", 2, len(MAGIC))[:] = LAYOUT, len(declared)
     buffer[: len(MAGIC)] = MAGIC
     publish_segment(memory, path)  # last: a reader that finds it finds all
@@ -331,7 +331,7 @@ class Table:
             if table[i]["name"]
         }
         size = int(np.frombuffer(buffer, "<i8", 1, 2 * len(MAGIC))[0])
-        declared = json.loads(bytes(buffer[HEAD : HEAD + size]))
+        declared = json.loads(bytes(buffer[SLOT_HEADER : SLOT_HEADER + size]))
         self.metrics = {
             stage: MetricSet(
                 *(

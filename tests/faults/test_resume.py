@@ -9,7 +9,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from lfpipe.transport.ring import SLEPT_NS, SleepWatch
+from lfpipe.eyes import MAX_STEP_NS
+from lfpipe.transport.ring import SleepWatch
 from tests.support.world import World
 from tests.support.xvfb_screen import x_server
 
@@ -20,7 +21,7 @@ def test_sleep_watch_notices_a_sleep_once() -> None:
     asleep_ns = 5_000_000_000
     watch = SleepWatch(lambda: asleep_ns)
     assert not watch.woke()
-    asleep_ns += SLEPT_NS - 1
+    asleep_ns += MAX_STEP_NS - 1
     assert not watch.woke(), "the clocks are not read at the same moment"
     asleep_ns += 1
     assert watch.woke() and not watch.woke()

@@ -20,9 +20,10 @@ from lfpipe.errors import UserError
 from lfpipe.host import signals
 from lfpipe.supervisor import requests, session, stage_process
 from lfpipe.supervisor.child import EXIT_USER, crash_report_path
+from lfpipe.supervisor.control_sockets import EXECUTE_NS
 from lfpipe.supervisor.session import IDLE_NS, INTERNAL, LiveSession, Outcome
 from lfpipe.supervisor.session_state import TRIAL_NS
-from lfpipe.supervisor.stage_process import DRAIN_NS, MAX_FAILURES
+from lfpipe.supervisor.stage_process import MAX_FAILURES
 from lfpipe.transport import control
 from lfpipe.transport.control import Session
 from lfpipe.transport.ring import MS_NS, SECOND_NS, now_ns
@@ -240,7 +241,7 @@ def test_a_source_that_ends_ends_the_session_once_its_frames_are_shown(
     played.ends(0, "capture")
     played.step()
     assert played.goes_on() is not soon
-    played.step(DRAIN_NS / SECOND_NS + 0.2)
+    played.step(EXECUTE_NS / SECOND_NS + 0.2)
     assert played.outcome().source_ended
     assert played.restarts() == [0, 0, 0] and not played.said
 

@@ -21,10 +21,11 @@ from lfpipe.scene.layouts._names import (
 from lfpipe.scene.source import Listing, list_scene
 
 MOST_CAMERAS = 4  # that recorded side by side, of which two are a pair; more are a row
-_DEEPEST = 2  # levels of folders below a folder without pictures
+# levels of folders below a folder without pictures, and of those that hold a playlist
+DEEPEST = 2
 
 
-def inner_listing(listing: Listing, deepest: int = _DEEPEST) -> Listing | None:
+def inner_listing(listing: Listing, deepest: int = DEEPEST) -> Listing | None:
     """The pictures in subfolders, as names with a slash or as the only inner folder; None if there
     are none, or no more than in the folder itself. Raises UserError if the subfolders are separate
     scenes.
@@ -67,7 +68,7 @@ def subfolders(listing: Listing) -> dict[str, Listing]:
     return found
 
 
-def _with_pictures(listing: Listing, deepest: int = _DEEPEST) -> dict[str, Listing]:
+def _with_pictures(listing: Listing, deepest: int = DEEPEST) -> dict[str, Listing]:
     """The subfolders with pictures, by name; one without pictures is replaced by the only one in it
     that has some: cam0/data beside cam0/sensor.yaml.
     """
