@@ -46,8 +46,8 @@ from lfpipe.transport import control, ring, status
 from lfpipe.transport.control import Message, Session
 from lfpipe.transport.ring import RingSpec
 
-# counted after all stages have applied a change; a stage that cannot use it fails sooner, and a part
-# that does not work is reported by then
+# counted after all stages have applied a change; a stage that cannot use it fails sooner, and a
+# part that does not work is reported by then
 TRIAL_NS = FAULT_NS
 
 

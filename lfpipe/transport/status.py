@@ -35,8 +35,8 @@ from lfpipe.files.safe_files import MAX_INTEGER
 from lfpipe.host.files import Segment, create_segment, publish_segment
 from lfpipe.transport.ring import SLOT_HEADER, now_ns
 
-# 26 octaves of 32, to 2^32 us (71 minutes), after 64 of single microseconds; longer values go to the
-# last bucket
+# 26 octaves of 32, to 2^32 us (71 minutes), after 64 of single microseconds; longer values go to
+# the last bucket
 BUCKETS = (26 << 5) + 64
 MAX_NS = MAX_INTEGER  # of a 64-bit counter
 Times = dict[str, float]  # of `summary_ms`
