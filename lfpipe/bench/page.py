@@ -11,7 +11,7 @@ from lfpipe.bench.results import STATES, Column, Results, Row, short
 from lfpipe.bench.style import document, html_table
 from lfpipe.bench.summary import chart, has_charts, summary
 from lfpipe.files.safe_files import write_output
-from lfpipe.host.machine import install_command
+from lfpipe.host.worker import install_command
 
 # Errors that differ by less than this share, or by less than a benchmark's `Choice.difference`, are
 # equal for a verdict: noise of short sequences, and invisible differences.

@@ -30,7 +30,7 @@ from lfpipe.bench.results import (
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import check_output
 from lfpipe.host.files import exists
-from lfpipe.host.machine import usable_cores, versions
+from lfpipe.host.worker import usable_cores, versions
 
 FILES = ("results.json", "report.html")
 Repetition = Callable[[], Metrics]  # takes one sample of each time

@@ -48,7 +48,7 @@ from lfpipe.config.check import measured_placement
 from lfpipe.config.session_options import CameraViewer, Clock, Live, Lossless, RecordedEyes
 from lfpipe.errors import UserError, redacted
 from lfpipe.files.codecs import fit_area, fit_note, fitted
-from lfpipe.host.machine import usable_cores
+from lfpipe.host.worker import usable_cores
 from lfpipe.live.records import attached, has_writer, two_cameras
 from lfpipe.plugins import IN_USE, blaming
 from lfpipe.transport.ring import POLL_S, SECOND_NS, StampKind, now_ns

@@ -28,7 +28,7 @@ log = logging.getLogger(__name__)
 
 # command -> its module and summary, in order of use
 COMMANDS = {
-    "up": ("lfpipe.cli.up", "Show a light field from the position of your eyes."),
+    "up": ("lfpipe.cli.sessions", "Show a light field from the position of your eyes."),
     "monitor": ("lfpipe.cli.sessions", "Show latency, rate, drops and load of a running session."),
     "ctl": ("lfpipe.cli.sessions", "Query and control a running session."),
     "scene": ("lfpipe.cli.scene", "Pack, list and inspect light fields."),
@@ -137,7 +137,7 @@ def cli(context: click.Context, verbose: int) -> int | None:
 
     if not has_display():
         raise click.exceptions.NoArgsIsHelpError(context)
-    from lfpipe.cli.up import UpArguments, launch
+    from lfpipe.cli.sessions import UpArguments, launch
 
     return launch(UpArguments(start=True))
 

@@ -264,7 +264,7 @@ def _open_page(
         rundir.ask(session_name, {"cmd": "action", "name": "calibrate", "value": distance_mm}, 3.0)
         print_result("calibrate in the open window")
         return 0
-    from lfpipe.cli.up import UpArguments, launch
+    from lfpipe.cli.sessions import UpArguments, launch
 
     return launch(
         UpArguments(

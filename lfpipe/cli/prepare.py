@@ -24,8 +24,8 @@ from lfpipe.capture.open_source import (
 )
 from lfpipe.capture.spec import is_live, parse_source, playing_once, source_file
 from lfpipe.cli import machine_errors
+from lfpipe.cli.sessions import Packed, SessionPlan, UpArguments
 from lfpipe.cli.terminal import say
-from lfpipe.cli.up import Packed, SessionPlan, UpArguments
 from lfpipe.config import Config, SessionOptions, converter, load
 from lfpipe.config.check import has_key, with_measured_focal
 from lfpipe.config.session_options import (
@@ -46,8 +46,7 @@ from lfpipe.errors import UserError, redacted
 from lfpipe.files.codecs import require_encoder
 from lfpipe.files.safe_files import check_output
 from lfpipe.host.files import exists
-from lfpipe.host.machine import has_gpu
-from lfpipe.host.worker import Report, serve
+from lfpipe.host.worker import Report, has_gpu, serve
 from lfpipe.live.field import LiveViews, summary_of
 from lfpipe.render.display.monitors import detect_monitors, device_latency_doubt
 from lfpipe.render.display.open_display import check_display, has_display, parse_display

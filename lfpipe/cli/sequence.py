@@ -25,15 +25,15 @@ from lfpipe.capture.recordings import STAMP_ROUNDING_NS, Schedule, open_recordin
 from lfpipe.capture.spec import parse_source
 from lfpipe.cli.options import CAMERA, DURATION, OVERWRITE, PATH, Number, with_config, with_settings
 from lfpipe.cli.scene import opened
+from lfpipe.cli.sessions import exit_code
 from lfpipe.cli.terminal import Group, print_result, say
-from lfpipe.cli.up import exit_code
 from lfpipe.config import Config, SessionOptions
 from lfpipe.config.check import MAX_LISTED, with_measured_focal
 from lfpipe.config.session_options import RecordedEyes
 from lfpipe.errors import UserError, plain
 from lfpipe.files.safe_files import check_output, check_outside, create_private, open_regular
 from lfpipe.host.files import exists, is_dir
-from lfpipe.host.machine import versions
+from lfpipe.host.worker import versions
 from lfpipe.replays import run
 from lfpipe.replays.compare import Comparison, cases_of, check_reference, compare
 from lfpipe.replays.run import (

@@ -1,22 +1,271 @@
-"""Commands to running sessions: `lfpipe monitor`, `ctl` and `trace`.
+"""Commands of sessions: `lfpipe up`, from its arguments to the end of its session, and to running
+ones `monitor`, `ctl` and `trace`. Scripts ask often: what an answer alone does not need is imported
+where it is used.
 
-Scripts ask often: what an answer alone does not need is imported where it is used.
+The process of `up` becomes the session's supervisor, so it imports neither OpenCV nor a toolkit: a
+child process, `prepare`, checks the arguments and the machine, and opens scenes and source.
 """
 
+import contextlib
 import itertools
 import json
-from collections.abc import Callable
+import os
+import subprocess
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+import attrs
 import click
 
 from lfpipe import config as configuration
-from lfpipe.cli.options import OVERWRITE, PATH, SESSION
-from lfpipe.cli.terminal import ExtensibleGroup, Group, print_result
-from lfpipe.config import converter, parse_set
+from lfpipe import log
+from lfpipe.capture.spec import is_live
+from lfpipe.cli.options import DURATION, OVERWRITE, PATH, SESSION, with_settings
+from lfpipe.cli.terminal import (
+    ExtensibleGroup,
+    Group,
+    filled,
+    print_error,
+    print_result,
+    progress,
+    say,
+)
+from lfpipe.config import Config, SessionOptions, converter, parse_set
+from lfpipe.config.session_options import Window
+from lfpipe.errors import UserError
+from lfpipe.host.files import exists
+from lfpipe.host.worker import Worker, python
+from lfpipe.supervisor import rundir
 from lfpipe.supervisor.rundir import ask
-from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S, LOAD_TIMEOUT_S, Message
+from lfpipe.transport.control import (
+    FILE_CHECK_TIMEOUT_S,
+    LOAD_TIMEOUT_S,
+    Message,
+    Session,
+    default_name,
+)
+
+if TYPE_CHECKING:
+    from lfpipe.scene.pack import Packing
+    from lfpipe.supervisor.session import Outcome
+
+PREPARER = "lfpipe.cli.prepare"  # the child's module
+# (runs the first session, runs another one) -> exit code; each returns the exit code of a session
+RunPolicy = Callable[[Callable[[], int], Callable[[], int]], int]
+
+
+@attrs.frozen(kw_only=True)
+class UpArguments:
+    """The arguments of `lfpipe up`, and those that other packages add."""
+
+    scenes: tuple[Path, ...] = ()
+    camera: str | None = None
+    display: str | None = None
+    duration_s: float | None = None
+    trace: Path | None = None
+    demo: bool = False
+    no_picture: bool = False
+    session_name: str = attrs.field(factory=default_name)
+    sets: tuple[str, ...] = ()
+    config_file: str | None = None
+    overwrite: bool = False
+    start: bool = False
+    """Whether to begin with thumbnails of the demo and of recent scenes."""
+    calibrate_mm: float = 0.0
+    """Begins with the page that measures the camera, at this distance; 0: does not."""
+    extras: Mapping[str, tuple[str, ...]] = attrs.field(factory=dict)
+    """Options of stages of other packages, by stage. These stages need eyes."""
+    lock_code: str = ""
+    """The code that closes a locked window; "" if it is not locked."""
+    every_s: float = 0.0
+    """After so many seconds a locked window shows the next scene; 0: never."""
+    title: str = ""
+    """Of an exhibition."""
+    wait_for_camera: bool = False
+    """Whether the session starts without its camera, and waits for it."""
+
+
+@attrs.frozen(kw_only=True)
+class SessionPlan:
+    """A session that can start."""
+
+    config: Config
+    options: SessionOptions
+    duration_s: float | None
+    lines: tuple[str, ...]
+    """The settings, for the user."""
+    files: tuple[Path, ...] = ()
+    """Its outputs, listed at its end."""
+
+
+# what the packer has made: the light fields that replace the paths, and the pack of the first one
+Packed = tuple[Sequence[str], str]
+
+
+# a session that can start now, the packer while it works on the scene's disparity, and what ends
+# the packer and lets `lfpipe scene clean` remove the pack
+Prepared = tuple[SessionPlan, "Packing | None", contextlib.ExitStack]
+
+
+def launch(arguments: UpArguments, run_policy: RunPolicy = lambda first, _: first()) -> int:
+    """Runs a session; returns the exit code. run_policy: whether others follow the first. Raises
+    UserError before any stage starts.
+    """
+    session = Session(arguments.session_name)
+    if session.name in rundir.running():
+        if _is_for_open_window(arguments):
+            load_scene(session.name, arguments.scenes[0])
+            say("shown in the open window; `--session NAME` opens another one")
+            return 0
+        rundir.remove(session.run_dir, rundir.acquire(session))  # raises the error with the remedy
+    again = attrs.evolve(arguments, overwrite=True)  # its own files
+    with contextlib.ExitStack() as splash:
+        if arguments.start or arguments.lock_code:  # it takes seconds to look at cameras and scenes
+            command = python(
+                "lfpipe.render.display.splash",
+                session.name,
+                arguments.title or "lfpipe",
+                arguments.display or "window",
+            )
+            splash.enter_context(
+                subprocess.Popen(  # out of reach of the terminal: it ends with its input
+                    command,
+                    stdin=subprocess.PIPE,
+                    stderr=subprocess.DEVNULL,
+                    start_new_session=True,
+                )
+            )
+        prepared = _prepared(arguments)
+        return run_policy(lambda: _run(session, prepared), lambda: _run(session, _prepared(again)))
+
+
+def _is_for_open_window(arguments: UpArguments) -> bool:
+    """Whether one scene is asked for and nothing else, and the session that runs shows scenes in a
+    window.
+    """
+    scenes = arguments.scenes
+    name = arguments.session_name
+    if (
+        len(scenes) != 1
+        or is_live(scenes[0])
+        or arguments != UpArguments(scenes=scenes, session_name=name)
+    ):
+        return False
+    from lfpipe.monitor.session_reader import snapshot
+
+    options = snapshot(name).options
+    return isinstance(options.display, Window) and not options.lock_code
+
+
+def _prepared(arguments: UpArguments) -> Prepared:
+    """A session that can start. Prints its settings. Raises UserError."""
+    packing, packed, notes = None, None, list[str]()
+    with contextlib.ExitStack() as resources:
+        while True:
+            asked = converter().unstructure({"arguments": arguments, "packed": packed})
+            # cameras, and servers of networks, have time limits of their own
+            preparer = Worker(PREPARER, asked, "scene and camera", float("inf"), stderr=None)
+            with contextlib.closing(preparer):
+                # while it works
+                from lfpipe.scene.pack import PackerRequest, hold_pack, pack_until_shown
+
+                preparer.wait(lambda: bool(preparer.last))  # noqa: B023 - not later
+                answer = preparer.last or preparer.result()
+                if "plan" in answer:
+                    plan = converter().structure(answer["plan"], SessionPlan)
+                    if plan.options.pack:
+                        resources.callback(os.close, hold_pack(Path(plan.options.pack)))
+                    break
+            request = converter().structure(answer["to_pack"], PackerRequest)
+            with progress() as bar:
+                packing, summary = pack_until_shown(request, bar, answer["complete"])
+            resources.callback(packing.close)
+            packed = packing.scenes, summary.pack
+            bad = (f"not shown: {path}: {why}" for path, why in packing.unusable.items())
+            notes = [f"note\t{note}" for note in filter(None, (packing.note, *bad))]
+        for line in (*plan.lines, *notes):
+            head, _, text = line.partition("\t")
+            say(filled(text, f"{head:<9}") if text else line)
+        return plan, packing, resources.pop_all()
+
+
+def _run(session: Session, prepared: Prepared) -> int:
+    """Runs one session; returns the exit code.
+
+    Raises UserError if the user can fix what ended it.
+    """
+    from lfpipe.supervisor.session import run_session
+
+    plan, packing, resources = prepared
+    with resources:
+        outcome = run_session(session, plan.config, plan.options, say, plan.duration_s, packing)
+    if outcome.final is not None and log.is_shown():
+        from lfpipe.monitor.monitor import print_state
+
+        print_state(outcome.final)
+    for path in filter(exists, plan.files):
+        print_result(f"{path.stat().st_size / 1e6:8.2f} MB  {path}")
+    if outcome.failure is None:
+        say(outcome.reason)
+    return exit_code(outcome)
+
+
+def exit_code(outcome: "Outcome") -> int:
+    """Returns 0, or 1 after printing what failed. Raises UserError if the user can fix it."""
+    if outcome.failure is None:
+        return 0
+    if outcome.user_error:
+        raise UserError(outcome.failure, outcome.remedy)
+    print_error(UserError(outcome.failure, outcome.remedy))
+    return 1
+
+
+EXAMPLES = """\b
+Examples:
+  lfpipe up --demo
+  lfpipe up boxes/ flowers/ dino.h5
+  lfpipe up boxes/ --display fullscreen --set screen.monitor=1
+  lfpipe up --no-picture --share opentrack:127.0.0.1:4242
+  lfpipe up boxes/ --camera 'file:me.mp4?loop=1' --display none --duration 20 --trace t.jsonl
+"""
+
+
+@click.command(epilog=EXAMPLES)
+@click.argument("scenes", nargs=-1, metavar="[SCENE]...", type=PATH)
+@click.option(
+    "--camera",
+    metavar="SRC",
+    help="camera:N, camera:/dev/videoN, file:PATH[?loop=0|1&pace=recorded|max|HZ], demo or mouse.",
+)
+@click.option(
+    "--display",
+    metavar="WHERE",
+    help="window, fullscreen, none, or file:OUT as .mp4, .avi or .mkv (lossless)."
+    "  [default: window]",
+)
+@DURATION
+@click.option("--trace", type=PATH, metavar="FILE", help="Write one JSON line per picture.")
+@click.option(
+    "--demo",
+    is_flag=True,
+    help="Use a built-in scene and face.",
+)
+@OVERWRITE
+@click.option("--no-picture", is_flag=True, help="Track the eyes only, without SCENE and window.")
+@SESSION
+@with_settings
+def up(**options: Any) -> int:
+    """Show SCENE, a folder or file with a light field, from the position of the viewer's eyes.
+
+    Several scenes, or a folder of scenes, form a playlist: switch with Tab, Page Up and Page Down.
+    Press h in the window to list the keys. While a window is open, `lfpipe up SCENE` shows SCENE
+    there; --session NAME opens another window.
+    """
+    policy = {"run_policy": options.pop("run_policy")} if "run_policy" in options else {}
+    return launch(UpArguments(**options), **policy)
+
 
 SAID = {
     "load": "shown: {name}",

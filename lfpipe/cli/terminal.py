@@ -24,7 +24,6 @@ from typing import Any, TypeVar
 import click
 
 from lfpipe.errors import ERROR_FILE, UserError, escaped, plain
-from lfpipe.files.safe_files import write_file
 from lfpipe.host.terminal import drop_output
 from lfpipe.plugins import COMMANDS, load, load_target, plugins
 
@@ -58,6 +57,8 @@ def print_error(error: UserError) -> None:
     """Prints the error that ended a command, and passes it to the parent program."""
     say(f"error: {error}")
     if path := os.environ.get(ERROR_FILE):
+        from lfpipe.files.safe_files import write_file  # it imports attrs
+
         write_file(Path(path), error.to_json())
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError, plain
 from lfpipe.files.pictures import MAX_DECODING_BYTES, header_of
 from lfpipe.files.safe_files import PLACE, reason
-from lfpipe.host.machine import install_command
+from lfpipe.host.worker import install_command
 
 # first boxes of MP4 and QuickTime files
 _BOXES = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"pnot")

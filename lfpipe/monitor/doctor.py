@@ -24,7 +24,7 @@ from lfpipe.config.session_options import NoViewer
 from lfpipe.errors import UserError, redacted
 from lfpipe.files.safe_files import PRIVATE, check_output, write_output
 from lfpipe.host.files import is_missing
-from lfpipe.host.machine import install_command, usable_cores, versions
+from lfpipe.host.worker import install_command, usable_cores, versions
 from lfpipe.render.display.open_display import has_display
 from lfpipe.scene.pack import prepare_cache
 from lfpipe.supervisor import rundir

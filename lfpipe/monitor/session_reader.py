@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lfpipe.config import Snapshot, converter
 from lfpipe.errors import UserError
 from lfpipe.host.files import WrongSegment
-from lfpipe.host.machine import rss_bytes
+from lfpipe.host.worker import rss_bytes
 from lfpipe.supervisor.metrics import SessionMetrics, session_metrics
 from lfpipe.supervisor.process_table import SHOWN_BY
 from lfpipe.supervisor.rundir import ask, find

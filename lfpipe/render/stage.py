@@ -40,7 +40,7 @@ from lfpipe.errors import UserError
 from lfpipe.eyes import EYES, EyesRecord
 from lfpipe.files.safe_files import check_output
 from lfpipe.host.files import readable
-from lfpipe.host.machine import run_on
+from lfpipe.host.worker import run_on
 from lfpipe.plugins import IN_USE, blaming
 from lfpipe.render.display.display import Pointer
 from lfpipe.render.display.file_display import save

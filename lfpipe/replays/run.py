@@ -53,7 +53,7 @@ from lfpipe.files.safe_files import (
 )
 from lfpipe.host import signals
 from lfpipe.host.files import is_dir
-from lfpipe.host.machine import versions
+from lfpipe.host.worker import versions
 from lfpipe.render.listeners import PICTURES
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import summarize

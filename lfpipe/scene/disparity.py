@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.host.machine import add
+from lfpipe.host.worker import add
 from lfpipe.scene.lightfield import UNKNOWN, Depth
 from lfpipe.scene.optical_flow import (
     RETURN_PX,

@@ -23,7 +23,7 @@ from lfpipe._version import __version__
 from lfpipe.errors import plain
 from lfpipe.files.pictures import STRIP_ROWS
 from lfpipe.host.files import exists, waited_for
-from lfpipe.host.machine import usable_cores
+from lfpipe.host.worker import usable_cores
 from lfpipe.plugins import LAYOUTS, blaming
 from lfpipe.scene.analysis import (
     CONFIRMED,

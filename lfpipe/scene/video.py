@@ -27,8 +27,8 @@ from lfpipe.errors import UserError
 from lfpipe.files.codecs import ENDS_BYTES, BrokenFrame, codec_name, is_jpeg, is_video, picture_of
 from lfpipe.files.safe_files import open_file
 from lfpipe.host.files import MemoryLimit, proc_fd_path
-from lfpipe.host.machine import install_command
 from lfpipe.host.terminal import opencv_logging
+from lfpipe.host.worker import install_command
 
 OPENING_BYTES = 200_000_000  # memory limit of a decoder before the frame size is known
 FRAME_BYTES_PX = 20  # memory limit per pixel afterwards; measured: 6 to 15 with FFV1, MPEG-4, VP9

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError, redacted
 from lfpipe.host.files import exists
-from lfpipe.host.machine import versions, yield_to_others
+from lfpipe.host.worker import versions, yield_to_others
 from lfpipe.sequence.folder import MANIFEST, SequenceWriter, make_out, remove_empty
 from lfpipe.sequence.packets import encoded
 from lfpipe.transport.context import Context

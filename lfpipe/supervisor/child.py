@@ -19,7 +19,7 @@ from lfpipe import log
 from lfpipe.config import converter
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import write_file
-from lfpipe.host import machine, signals
+from lfpipe.host import signals, worker
 from lfpipe.host.worker import end_with_parent
 from lfpipe.plugins import IN_USE, blaming
 from lfpipe.supervisor import rundir
@@ -49,10 +49,10 @@ def main() -> None:
     signals.ignore()
     parent_pid, plain = json.loads(sys.stdin.buffer.readline())
     end_with_parent()
-    if not machine.end_with_parent(parent_pid):
+    if not worker.end_with_thread_of(parent_pid):
         return
     spec = converter().structure(plain, StageSpec)
-    machine.set_up(f"lfpipe-{spec.name}")
+    worker.set_up(f"lfpipe-{spec.name}")
     run_dir = spec.session.run_dir
     stack = crash_report_path(run_dir, "stack", spec.name).open("w")
     faulthandler.enable(stack)
@@ -74,7 +74,7 @@ def _run_stage(spec: StageSpec, parent_pid: int, run_dir: Path, stack: TextIO) -
     signal.signal(signal.SIGTERM, stop)
     code = 0
     try:
-        machine.run_on(spec.cpus)
+        worker.run_on(spec.cpus)
         import cv2
 
         cv2.setNumThreads(1)  # the plan is one core per stage; thread pools would break it

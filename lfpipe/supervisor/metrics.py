@@ -9,7 +9,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.host.machine import usable_cores
+from lfpipe.host.worker import usable_cores
 from lfpipe.notices import notices
 from lfpipe.supervisor.process_table import CORE, SHOWN_BY, SOURCE, TRACKED_BY
 from lfpipe.transport.ring import now_ns

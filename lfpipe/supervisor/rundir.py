@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from lfpipe.errors import UserError
-from lfpipe.host import machine
+from lfpipe.host import worker
 from lfpipe.host.files import PAUSE_S, REMEDIES, Lock, is_held, is_missing, lock_file
 from lfpipe.transport import control
 from lfpipe.transport.control import LIVE, PREFIX, Session, base_dir
@@ -148,7 +148,7 @@ def _empty(path: Path) -> None:
         pids = [int(row["pid"]) for row in table.rows.values()]
         table.close()
         for pid in filter(None, pids):
-            machine.resume_stage(pid)
+            worker.resume_stage(pid)
     for entry in path.iterdir():
         if entry.name != "lock":
             if stat.S_ISDIR(entry.lstat().st_mode):

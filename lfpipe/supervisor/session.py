@@ -24,7 +24,7 @@ from lfpipe.config.session_options import Lossless
 from lfpipe.errors import UserError, plain, redacted
 from lfpipe.host import signals
 from lfpipe.host.files import Lock, allow_files
-from lfpipe.host.machine import usable_cores
+from lfpipe.host.worker import usable_cores
 from lfpipe.notices import Fault, faults
 from lfpipe.scene.pack import Packing
 from lfpipe.supervisor import child, process_table, rundir

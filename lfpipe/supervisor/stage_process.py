@@ -13,8 +13,7 @@ from lfpipe.config.session_options import Lossless
 from lfpipe.errors import UserError
 from lfpipe.host import signals
 from lfpipe.host.files import exists
-from lfpipe.host.machine import is_stopped
-from lfpipe.host.worker import PATIENCE, Child, python
+from lfpipe.host.worker import PATIENCE, Child, is_stopped, python
 from lfpipe.supervisor import child
 from lfpipe.supervisor.control_sockets import EXECUTE_NS
 from lfpipe.supervisor.governor import GAP_S
@@ -146,6 +145,17 @@ class StageProcess:
         return (
             f"{work + ': ' if work else ''}{'not ready after' if sets_up else 'no beat for'}"
             f" {silent_s:.1f} s"
+        )
+
+    @property
+    def saving_description(self) -> str:
+        """A description of the results that the process writes at its end, while it makes progress;
+        else "".
+        """
+        return (
+            busy_work(self.row)
+            if self.row["state"] == State.STOPPING and not self.hang_reason()
+            else ""
         )
 
     def kill(self) -> None:
@@ -320,12 +330,8 @@ def wait_for_end(stages: Collection[StageProcess], notify: Callable[[str], None]
         due_ns = now_ns() + int(limit_s * 1e9)
         while living := [process for process in stages if process.alive]:
             if now_ns() >= due_ns:
-                saving = {
-                    process.stage.name: work
-                    for process in living
-                    if process.row["state"] == State.STOPPING and not process.hang_reason()
-                    if (work := busy_work(process.row))
-                }
+                saving = {process.stage.name: process.saving_description for process in living}
+                saving = {name: text for name, text in saving.items() if text}
                 if not saving:
                     break
                 for name in saving.keys() - reported:

@@ -21,8 +21,7 @@ from pathlib import Path
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import check_regular, reason, write_file
 from lfpipe.host.files import is_file
-from lfpipe.host.machine import install_command
-from lfpipe.host.worker import python
+from lfpipe.host.worker import install_command, python
 
 VERSION = "0.10.21"  # the last version with these files
 PACKAGE = f"mediapipe=={VERSION}"

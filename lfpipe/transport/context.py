@@ -19,7 +19,7 @@ from lfpipe.config import Config, SessionOptions, Snapshot, converter
 from lfpipe.config.session_options import Lossless
 from lfpipe.errors import UserError
 from lfpipe.host.files import Wake, readable
-from lfpipe.host.machine import usable_cores
+from lfpipe.host.worker import usable_cores
 from lfpipe.transport import control, ring, status
 from lfpipe.transport.control import Answer, Session
 from lfpipe.transport.ring import MS_NS, now_ns

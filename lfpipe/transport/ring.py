@@ -49,7 +49,7 @@ from numpy.typing import NDArray
 from lfpipe.eyes import MAX_STEP_NS
 from lfpipe.host.files import PAGE as PAGE
 from lfpipe.host.files import Segment, create_segment, publish_segment
-from lfpipe.host.machine import asleep_ns, fence
+from lfpipe.host.worker import asleep_ns, fence
 
 # of the machine, not of the process: stamps of different processes are comparable
 now_ns = time.monotonic_ns

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from lfpipe.host.machine import install_command
+from lfpipe.host.worker import install_command
 from lfpipe.render.display.monitors import Monitor, find_monitor
 from lfpipe.render.display.open_display import check_display, parse_display
 from tests.test_messages import Cause

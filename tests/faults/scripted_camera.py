@@ -142,7 +142,7 @@ if __name__ == "__main__":
         else each
         for each in process_table.STAGES
     )
-    from lfpipe.cli import run, up
+    from lfpipe.cli import run, sessions
 
-    up.PREPARER = "tests.faults.scripted_camera"
+    sessions.PREPARER = "tests.faults.scripted_camera"
     run()

@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.host import files, machine, worker
+from lfpipe.host import files, worker
 from lfpipe.host.worker import Worker
 from lfpipe.transport import ring
 from tests.support.processes import printed
@@ -43,9 +43,9 @@ def test_a_lock_ends_with_its_process_and_follows_no_link(tmp_path: Path) -> Non
 
 @pytest.fixture(autouse=True)
 def forgotten() -> Iterator[None]:
-    machine._full_fence.cache_clear()
+    worker._full_fence.cache_clear()
     yield
-    machine._full_fence.cache_clear()
+    worker._full_fence.cache_clear()
 
 
 def only(monkeypatch: pytest.MonkeyPatch, **libraries: Any) -> None:
@@ -66,17 +66,17 @@ def test_the_fence_is_libatomic_s_or_the_c_library_s(monkeypatch: pytest.MonkeyP
         {"libatomic": SimpleNamespace(atomic_thread_fence=called.append), "own": barrier},
         {"own": barrier},
     ):
-        machine._full_fence.cache_clear()
+        worker._full_fence.cache_clear()
         only(monkeypatch, **libraries)
-        machine._fence()
-    assert called == [machine.SEQ_CST, "own"]
+        worker._fence()
+    assert called == [worker.SEQ_CST, "own"]
 
 
 def test_a_machine_without_a_fence_is_refused_before_a_ring_exists(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     only(monkeypatch, own=SimpleNamespace())
-    monkeypatch.setattr(ring, "fence", machine._fence)
+    monkeypatch.setattr(ring, "fence", worker._fence)
     spec = ring.RingSpec((4,), np.dtype("u1"))
     refused = refusal(ring.create, tmp_path / "a.ring", spec)
     assert "libatomic is not installed" in refused.message and "libatomic1" in refused.remedy
@@ -86,8 +86,8 @@ def test_a_machine_without_a_fence_is_refused_before_a_ring_exists(
 
 @given(st.lists(st.integers(-(2**40), 2**40), max_size=9))
 def test_sums_have_the_same_bits_under_every_python(values: list[int]) -> None:
-    assert machine.add(map(float, values)) == sum(values)
-    assert machine.add([1e16, 1.0, -1e16]) == 0.0  # `sum` gives 1.0 from Python 3.12 on, 0.0 before
+    assert worker.add(map(float, values)) == sum(values)
+    assert worker.add([1e16, 1.0, -1e16]) == 0.0  # `sum` gives 1.0 from Python 3.12 on, 0.0 before
 
 
 Start = Callable[..., Worker]

@@ -16,7 +16,7 @@ import attrs
 import numpy as np
 import pytest
 
-from lfpipe.host.machine import OPENCV
+from lfpipe.host.worker import OPENCV
 from lfpipe.render import listeners
 from lfpipe.render.listeners import PICTURES, ReplayWriter
 from lfpipe.render.presenter import TrackedEyes

@@ -14,8 +14,7 @@ import pytest
 
 from lfpipe.config import SessionOptions
 from lfpipe.host import signals
-from lfpipe.host.machine import is_stopped
-from lfpipe.host.worker import Child
+from lfpipe.host.worker import Child, is_stopped
 from lfpipe.supervisor import stage_process
 from lfpipe.supervisor.governor import GAP_S
 from lfpipe.supervisor.process_table import Stage

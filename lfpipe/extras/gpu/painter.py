@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.extras.gpu.shader import disparity_texels, mixture, source
-from lfpipe.host.machine import has_gpu
+from lfpipe.host.worker import has_gpu
 from lfpipe.render.synthesis.anaglyph import Recipe
 from lfpipe.render.synthesis.blocks import size_of
 from lfpipe.render.synthesis.compositor import PainterLost

@@ -16,7 +16,7 @@ from lfpipe.errors import UserError
 from lfpipe.extras.share.output import LslOutput, Sample, UdpOutput
 from lfpipe.extras.share.target import Target, check_target
 from lfpipe.eyes import EYES, MAX_STEP_NS, SHOWN
-from lfpipe.host.machine import yield_to_others
+from lfpipe.host.worker import yield_to_others
 from lfpipe.track.eye_tracker import HeadEstimator
 from lfpipe.transport.context import Context, RingInput
 from lfpipe.transport.ring import Stamp, Ticker, now_ns

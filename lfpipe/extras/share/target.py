@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 import attrs
 
 from lfpipe.errors import UserError, quoted
-from lfpipe.host.machine import install_command
+from lfpipe.host.worker import install_command
 
 FORMS = (
     "use opentrack:HOST:PORT, osc:HOST:PORT or lsl[:NAME], with ?rate=HZ for predicted eyes at that"

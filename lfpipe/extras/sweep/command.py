@@ -93,7 +93,7 @@ def sweep(
     from lfpipe.extras.sweep.run import dask_workers, local_workers, run_sweep
     from lfpipe.extras.sweep.work import SweepOptions, check_references
     from lfpipe.files.safe_files import check_output, check_outside
-    from lfpipe.host.machine import usable_cores
+    from lfpipe.host.worker import usable_cores
 
     if update and expect is None:
         raise UserError("--update needs references", "name their folder with --expect DIR")

@@ -26,7 +26,7 @@ from lfpipe.extras.sweep.plan import TIMED, Cell
 from lfpipe.extras.sweep.results import DIED, FAILED, Outcome, Store
 from lfpipe.extras.sweep.work import SweepOptions, measure_cell
 from lfpipe.host.files import is_dir, is_file
-from lfpipe.host.machine import install_command, versions
+from lfpipe.host.worker import install_command, versions
 from lfpipe.sequence.folder import MANIFEST, is_sequence
 
 AGAIN = "start it again, then run the same command"

@@ -30,8 +30,8 @@ CLOSE = 1e-3  # relative tolerance of metrics, for rounding on other processors
 # A command ends with the worker that started it;
 # otherwise the stages of its session would continue.
 COMMAND = (
-    "import runpy, sys; from lfpipe.host.machine import end_with_parent; sys.argv[0] = 'lfpipe';"
-    " end_with_parent(int(sys.argv.pop(1))) and runpy.run_module('lfpipe', run_name='__main__')"
+    "import runpy, sys; from lfpipe.host.worker import end_with_thread_of; sys.argv[0] = 'lfpipe';"
+    " end_with_thread_of(int(sys.argv.pop(1))) and runpy.run_module('lfpipe', run_name='__main__')"
 )
 Measured = tuple[str, str, dict[str, Any]]  # state, reason, metrics
 

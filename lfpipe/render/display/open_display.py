@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from lfpipe.config.session_options import Nothing, Plugin, Target, VideoFile, Window
 from lfpipe.errors import UserError
-from lfpipe.host.machine import has_desktop
+from lfpipe.host.worker import has_desktop
 from lfpipe.plugins import DISPLAYS, load, make, plugins
 from lfpipe.render.display.display import Display, NoDisplay
 

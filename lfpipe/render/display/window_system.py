@@ -10,8 +10,8 @@ import functools
 import os
 from pathlib import Path
 
-from lfpipe.host.machine import has_gpu
 from lfpipe.host.presentation import XPresentation
+from lfpipe.host.worker import has_gpu
 
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
 os.environ.setdefault("SDL_NO_SIGNAL_HANDLERS", "1")  # the process has its own handlers

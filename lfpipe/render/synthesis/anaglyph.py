@@ -36,7 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.files.codecs import fit_area
-from lfpipe.host.machine import add
+from lfpipe.host.worker import add
 from lfpipe.scene.optical_flow import LUMA
 
 Weights = tuple[float, float, float]

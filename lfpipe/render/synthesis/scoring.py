@@ -17,7 +17,7 @@ from lfpipe.config import Render
 from lfpipe.config.quality import METHODS, SIZES, WARPS
 from lfpipe.config.tree import Method
 from lfpipe.files.codecs import fit_area
-from lfpipe.host.machine import add
+from lfpipe.host.worker import add
 from lfpipe.render.synthesis.compositor import Compositor, Painters
 from lfpipe.render.synthesis.engine import Synthesiser
 from lfpipe.render.synthesis.scene_views import SceneViews, reduced

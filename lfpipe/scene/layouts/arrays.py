@@ -34,7 +34,7 @@ from lfpipe.errors import UserError, plain
 from lfpipe.files.pictures import read_picture
 from lfpipe.files.safe_files import open_file
 from lfpipe.host.files import proc_fd_path
-from lfpipe.host.machine import install_command
+from lfpipe.host.worker import install_command
 from lfpipe.scene.layouts._grid import (
     coordinate_turn,
     parse_grid,
