@@ -16,9 +16,19 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.capture.camera_list import LIBCAMERA, CameraControls, opened, others
-from lfpipe.capture.pixel_formats import CHEAPEST, DECODED, JPEGS, SMALL_PX, FrameDecoder, choose
 from lfpipe.capture.recordings import Frame, SourceInfo, size_notes
-from lfpipe.capture.v4l2_device import FrameSizes, Mode, RawFrame, V4L2Device
+from lfpipe.capture.v4l2_device import (
+    CHEAPEST,
+    DECODED,
+    JPEGS,
+    SMALL_PX,
+    FrameDecoder,
+    FrameSizes,
+    Mode,
+    RawFrame,
+    V4L2Device,
+    choose,
+)
 from lfpipe.errors import UserError
 from lfpipe.eyes import MAX_STEP_NS
 from lfpipe.transport.ring import StampKind

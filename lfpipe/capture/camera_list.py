@@ -19,9 +19,8 @@ from typing import Any, TypeVar
 import attrs
 
 from lfpipe import config
-from lfpipe.capture.pixel_formats import DECODED, GREYS
 from lfpipe.capture.spec import CameraSpec
-from lfpipe.capture.v4l2_device import ControlRange, V4L2Device
+from lfpipe.capture.v4l2_device import DECODED, GREYS, ControlRange, V4L2Device
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import reason
 from lfpipe.host import PORTABLE

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from lfpipe.capture import camera_list
 from lfpipe.capture.camera_list import control_texts
 from lfpipe.capture.open_source import WIDE, camera_name, check_live, live_camera, open_source
-from lfpipe.capture.pixel_formats import DECODED
 from lfpipe.capture.spec import LIVE, is_live
-from lfpipe.capture.v4l2_device import V4L2Device
+from lfpipe.capture.v4l2_device import DECODED, V4L2Device
 from lfpipe.cli.options import (
     CAMERA,
     JSON,

@@ -30,7 +30,7 @@ from lfpipe.host.files import is_dir
 from lfpipe.host.worker import Report, serve
 from lfpipe.scene import layouts
 from lfpipe.scene.analysis import AnalysedScene, analyse_scene
-from lfpipe.scene.layouts._folders import DEEPEST
+from lfpipe.scene.layouts.named import DEEPEST
 from lfpipe.scene.lightfield import DisparitySource, LightField, Manifest, MethodScores
 from lfpipe.scene.pack import PackerRequest, cache_dir, open_pack, packed, remember_scene, summarize
 from lfpipe.scene.packing import Score, manifest_of, pack_scene

@@ -34,8 +34,7 @@ from lfpipe.supervisor.control_sockets import (
     Request,
     SceneLoads,
 )
-from lfpipe.supervisor.governor import QualityControl
-from lfpipe.supervisor.metrics import SessionMetrics, session_metrics
+from lfpipe.supervisor.metrics import QualityControl, SessionMetrics, session_metrics
 from lfpipe.supervisor.process_table import NAMES, SHOWN_BY, SOURCE, STAGES, TRACKED_BY, Stage
 from lfpipe.supervisor.requests import Reply, on_complete, on_load, respond
 from lfpipe.supervisor.session_state import SessionState, SessionStore, Trial

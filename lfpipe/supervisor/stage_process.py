@@ -16,7 +16,7 @@ from lfpipe.host.files import exists
 from lfpipe.host.worker import PATIENCE, Child, is_stopped, python
 from lfpipe.supervisor import child
 from lfpipe.supervisor.control_sockets import EXECUTE_NS
-from lfpipe.supervisor.governor import GAP_S
+from lfpipe.supervisor.metrics import GAP_S
 from lfpipe.supervisor.process_table import SOURCE, STAGES, Stage
 from lfpipe.transport.context import StageSpec
 from lfpipe.transport.control import Session

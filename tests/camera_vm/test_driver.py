@@ -13,8 +13,8 @@ import pytest
 from lfpipe import config
 from lfpipe.capture.camera import CameraSource, check_camera, open_camera
 from lfpipe.capture.camera_list import asking, cameras
-from lfpipe.capture.pixel_formats import DECODED
 from lfpipe.capture.recordings import Frame
+from lfpipe.capture.v4l2_device import DECODED
 from lfpipe.config.tree import PixelFormat
 from lfpipe.transport.ring import StampKind
 from tests.camera_vm import driver

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lfpipe.capture.pixel_formats import DECODED, JPEGS, FrameDecoder
-from lfpipe.capture.v4l2_device import Mode
+from lfpipe.capture.v4l2_device import DECODED, JPEGS, FrameDecoder, Mode
 from tests.capture.fake_camera import FakeCamera, source
 from tests.capture.made_files import SIZE, jpeg, seen
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from lfpipe.config import Config, DrawingCosts, Render, SessionOptions
 from lfpipe.supervisor import process_table
-from lfpipe.supervisor.governor import GAP_S, Governor, Load, QualityControl, Step
+from lfpipe.supervisor.metrics import GAP_S, Governor, Load, QualityControl, Step
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.ring import SECOND_NS
 from lfpipe.transport.status import ROW, State

@@ -16,7 +16,7 @@ from lfpipe.config import SessionOptions
 from lfpipe.host import signals
 from lfpipe.host.worker import Child, is_stopped
 from lfpipe.supervisor import stage_process
-from lfpipe.supervisor.governor import GAP_S
+from lfpipe.supervisor.metrics import GAP_S
 from lfpipe.supervisor.process_table import Stage
 from lfpipe.supervisor.stage_process import (
     BUSY_S,

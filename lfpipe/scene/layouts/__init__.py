@@ -13,10 +13,9 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header
 from lfpipe.plugins import LAYOUTS, blaming, load, plugins
-from lfpipe.scene.layouts._folders import inner_listing, note_of
 from lfpipe.scene.layouts._grid import GRID_REMEDY, parse_grid, some
 from lfpipe.scene.layouts._names import DEPTH, words
-from lfpipe.scene.layouts.named import unused_poses
+from lfpipe.scene.layouts.named import inner_listing, note_of, unused_poses
 from lfpipe.scene.source import (
     HOLDS_ALL,
     Layout,

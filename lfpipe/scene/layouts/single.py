@@ -29,7 +29,6 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import MAX_DECODING_BYTES, open_header, read_frames, read_picture
-from lfpipe.scene.layouts._folders import inner_listing
 from lfpipe.scene.layouts._grid import (
     QUILT_NAME,
     described_run,
@@ -69,6 +68,7 @@ from lfpipe.scene.layouts._names import (
     words,
 )
 from lfpipe.scene.layouts._stated import Halves, contained, described, unread_depth
+from lfpipe.scene.layouts.named import inner_listing
 from lfpipe.scene.source import VIDEOS, GridTransform, Layout, Listing, SceneSource, list_scene
 from lfpipe.scene.video import USUAL_RATE_HZ, Video, second_stream, stream_count, telling_frame
 
