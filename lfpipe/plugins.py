@@ -41,7 +41,6 @@ COMMANDS = "lfpipe.commands"
 STAGES = "lfpipe.stages"
 REQUESTS = "lfpipe.requests"
 PAINTERS = "lfpipe.painters"
-log = logging.getLogger(__name__)
 Part = tuple[str, str]  # a plug-in's group and name
 IN_USE: list[Part] = []  # by this process: they may also cause what fails elsewhere
 
@@ -74,7 +73,7 @@ def blaming(parts: Sequence[Part]) -> Iterator[None]:
         known = [entries(group)[name] for group, name in parts if name in plugins(group)]
         if not known:
             raise
-        log.info("a plug-in failed", exc_info=True)
+        logging.getLogger(__name__).info("a plug-in failed", exc_info=True)
         names = [entry.dist.name if entry.dist else "its package" for entry in known]
         texts = [
             f"{entry.name} of {name} {entry.dist.version if entry.dist else ''} ({entry.group})"

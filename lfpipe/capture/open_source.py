@@ -219,7 +219,7 @@ def live_camera(settings: config.Config, frame_px: tuple[int, int]) -> config.Ca
 
 @blaming(IN_USE)
 def open_source(text: str, camera: config.Camera, reconnect: bool = False) -> FrameSource:
-    """Opens the source that text names, in one of `spec.forms`, or the first camera for an empty
+    """Opens the source that text names, in a form of `spec.KINDS`, or the first camera for an empty
     text.
 
     camera.rotate and camera.mirror apply to cameras and videos; sequences were recorded upright.

@@ -298,15 +298,6 @@ KINDS: dict[str, type[SourceKind]] = {
 }
 
 
-def forms() -> str:
-    """The forms of source names, for messages."""
-    *most, last = [
-        *(kind.form for kind in KINDS.values()),
-        *(f"{name}:..." for name in plugins(SOURCES)),
-    ]
-    return f"{', '.join(most)}, or {last}"
-
-
 def parse_source(text: str) -> SourceKind:
     """Parses text, without opening any file. Raises UserError that names the wrong part."""
     if text.isdecimal() or text.startswith("/dev/"):
@@ -321,7 +312,12 @@ def parse_source(text: str) -> SourceKind:
         with blaming([(SOURCES, prefix)]):
             source = kind.parse(rest)
     if source is None:
-        remedy = NETWORK if prefix in STREAMS else f"use one of {forms()}"
+        *most, last = [
+            *(kind.form for kind in KINDS.values()),
+            *(f"{name}:..." for name in plugins(SOURCES)),
+        ]
+        forms = f"use one of {', '.join(most)}, or {last}"
+        remedy = NETWORK if prefix in STREAMS else forms
         raise UserError(f"{redacted(text)!r}: not a frame source", remedy)
     return source
 

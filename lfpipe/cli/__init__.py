@@ -23,9 +23,6 @@ from lfpipe.host import signals
 from lfpipe.host.terminal import drop_output, open_standard_files
 from lfpipe.log import set_up
 
-log = logging.getLogger(__name__)
-
-
 # command -> its module and summary, in order of use
 COMMANDS = {
     "up": ("lfpipe.cli.sessions", "Show a light field from the position of your eyes."),
@@ -213,7 +210,7 @@ def run(notify: Callable[[UserError], None] = print_error) -> NoReturn:
     """
 
     def fail(error: UserError) -> NoReturn:
-        log.debug("the command failed", exc_info=True)
+        logging.getLogger(__name__).debug("the command failed", exc_info=True)
         _end_output()
         notify(error)
         sys.exit(2)

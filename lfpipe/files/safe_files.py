@@ -8,8 +8,6 @@ file. `where` names the file in messages; `remedy` is the remedy. The trace is J
 object per display refresh or per camera frame, appended by whole lines only.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import json
@@ -349,7 +347,7 @@ def _reason(error: Exception) -> str:
     return "too deeply nested" if isinstance(error, RecursionError) else str(error)
 
 
-def json_fields(data: bytes | str, where: str, remedy: str) -> Fields:
+def json_fields(data: bytes | str, where: str, remedy: str) -> "Fields":
     """The JSON object in data, UTF-8, to be read field by field.
 
     Unlike json.loads: no NaN or infinity, no integer beyond 64 bits, no deep nesting.
@@ -431,7 +429,7 @@ class Fields:
 
         return list(self._read(key, fits, f"{count} numbers from {low:g} to {high:g}"))
 
-    def table(self, key: str) -> Fields:
+    def table(self, key: str) -> "Fields":
         """A mapping within this one."""
         return Fields(
             self._read(key, lambda v: isinstance(v, dict), "an object"),

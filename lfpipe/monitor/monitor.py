@@ -151,22 +151,6 @@ def photon_words(latency: MotionToPhoton) -> str:
     return ", ".join(f"{key} {value:.1f} ms" for key, value in times.items() if value is not None)
 
 
-def _stage_row(name: str, stage: StageMetrics) -> list[str | Text]:
-    waits, busies = ([times[key] for key in QUANTILES] for times in (stage.wait, stage.busy))
-    load = (stage.cpu_percent, stage.rss_mb)
-    return [
-        name,
-        Text(stage.state.lower(), STATE_STYLE.get(stage.state, "")),
-        f"{stage.fps:.1f}",
-        *map("{:.1f}".format, (*waits[:2], *busies, stage.max_ms)),
-        *(
-            Text(str(count), "bold red" if count else "")
-            for count in (stage.dropped, stage.restarts)
-        ),
-        *(f"{value:.0f}" for value in load if value is not None),
-    ]
-
-
 def stage_table(stages: Mapping[str, StageMetrics]) -> Table:
     """Rate, wait, busy, drops, restarts, and load if it is known, of every stage."""
     table = Table(box=None, padding=(0, 1, 0, 0), collapse_padding=True)
@@ -175,7 +159,18 @@ def stage_table(stages: Mapping[str, StageMetrics]) -> Table:
         left = title in COLUMNS[:2]
         table.add_column(title, justify="left" if left else "right", no_wrap=True)
     for name, stage in stages.items():
-        table.add_row(*_stage_row(name, stage))
+        waits, busies = ([times[key] for key in QUANTILES] for times in (stage.wait, stage.busy))
+        table.add_row(
+            name,
+            Text(stage.state.lower(), STATE_STYLE.get(stage.state, "")),
+            f"{stage.fps:.1f}",
+            *map("{:.1f}".format, (*waits[:2], *busies, stage.max_ms)),
+            *(
+                Text(str(count), "bold red" if count else "")
+                for count in (stage.dropped, stage.restarts)
+            ),
+            *(f"{value:.0f}" for value in (stage.cpu_percent, stage.rss_mb) if value is not None),
+        )
     return table
 
 

@@ -147,7 +147,14 @@ def compare(reference: Path, folder: Path, keeps: bool = True) -> Comparison:
     """
     was, now = read_report(reference), read_report(folder)
     check_reference(reference, now)
-    versions = _other_versions(was["versions"], now["versions"])
+    theirs, ours = was["versions"], now["versions"]
+    others = ", ".join(
+        f"{name} {plain(str(theirs[name]), VALUE_CHARS)} in the reference, {ours[name]} now"
+        for name in sorted(theirs.keys() & ours.keys())
+        if theirs[name] != ours[name]
+    )
+    # why tolerances are used; without another version, all must be equal to the last bit
+    versions = f"compared with tolerances, not bit for bit: {others}" if others else ""
     # a key that one of them does not know had its default's effect
     before, after = (
         dict(flat(attrs.asdict(Config()))) | dict(flat(report["config"])) for report in (was, now)
@@ -179,16 +186,6 @@ def compare(reference: Path, folder: Path, keeps: bool = True) -> Comparison:
         reference, folder, zip(lines_before, lines_now, strict=False), bool(versions), keeps
     )
     return Comparison(differences + in_frames, ([versions] if versions else []) + notes)
-
-
-def _other_versions(was: dict[str, str], now: dict[str, str]) -> str:
-    """Why tolerances are used, for people; "" if everything must be equal to the last bit."""
-    names = [name for name in sorted(was.keys() & now.keys()) if was[name] != now[name]]
-    values = ", ".join(
-        f"{name} {plain(str(was[name]), VALUE_CHARS)} in the reference, {now[name]} now"
-        for name in names
-    )
-    return f"compared with tolerances, not bit for bit: {values}" if names else ""
 
 
 def _unequal(part: str, was: dict[str, Any], now: dict[str, Any]) -> list[Difference]:

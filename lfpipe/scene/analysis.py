@@ -79,18 +79,6 @@ def stated(path: str | os.PathLike[str]) -> dict[str, Any]:
     return values
 
 
-def with_stated(settings: config.Scene, values: Mapping[str, Any]) -> config.Scene:
-    """settings with the stated values where it has defaults, except the depth order, which is
-    session state.
-    """
-    used = {
-        name: value
-        for name, value in values.items()
-        if name != "invert_depth" and getattr(settings, name) == options()[f"scene.{name}"].default
-    }
-    return updated(attrs.evolve(config.Config(), scene=settings), _dotted(used)).scene
-
-
 def describe_folder(folder: Path, settings: config.Scene) -> Path:
     """Writes the file that states every key of settings that is not its default; returns its path.
 
@@ -399,7 +387,12 @@ def checked_source(
     `lightfield.toml`. Raises UserError.
     """
     values = stated(path)
-    scene = with_stated(scene, values)
+    used = {  # where the settings have defaults; the depth order is state of the session
+        name: value
+        for name, value in values.items()
+        if name != "invert_depth" and getattr(scene, name) == options()[f"scene.{name}"].default
+    }
+    scene = updated(attrs.evolve(config.Config(), scene=scene), _dotted(used)).scene
     source = layouts.describe(path, scene)
     if values:
         file = Path(path) / FILE

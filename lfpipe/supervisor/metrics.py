@@ -9,8 +9,6 @@ where the last one ended, so that each costs two changes. A level that is lost w
 doubles the headroom time required, up to five minutes.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -71,7 +69,7 @@ class StageMetrics:
     rss_mb: float | None = None
 
     @classmethod
-    def of(cls, row: NDArray[np.void], declared: MetricSet) -> StageMetrics:
+    def of(cls, row: NDArray[np.void], declared: MetricSet) -> "StageMetrics":
         """The metrics in a row of the table."""
         busy = summary_ms(row["busy"])
         metrics = declared.read(row)
@@ -240,7 +238,7 @@ class Load:
     """Busy time."""
     span_s: float = 0.0
 
-    def plus(self, more: Load) -> Load:
+    def plus(self, more: "Load") -> "Load":
         """The work of both spans."""
         return Load(
             self.done + more.done,

@@ -38,7 +38,6 @@ from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.control import BadMessage, Message
 from lfpipe.transport.ring import SECOND_NS
 
-logger = logging.getLogger(__name__)
 # outputs that can start and stop while a session runs:
 # request -> the option with its path, its name, the command line
 OUTPUTS = {
@@ -329,7 +328,9 @@ def on_complete(state: SessionState, scene: SceneSummary) -> SessionState:
     shown = state.options.scene
     if shown is None or shown.pack != scene.pack:
         return state
-    logger.info("%s: disparity is complete, method %s", scene.name, scene.method)
+    logging.getLogger(__name__).info(
+        "%s: disparity is complete, method %s", scene.name, scene.method
+    )
     return state.loaded(scene)
 
 

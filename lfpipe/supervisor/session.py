@@ -535,7 +535,11 @@ class LiveSession:
             else:
                 before = self.state.options.viewer.source
                 self._respond(request, partial(then, answer.get("stages", {})))
-                self.stages.name_source(before, self.state.options.viewer.source)
+                for (
+                    process
+                ) in self.stages:  # it may have another name now: none starts again for it
+                    if process.source == before:
+                        process.source = self.state.options.viewer.source
 
     # what others see
 

@@ -277,12 +277,6 @@ class StageProcesses:
         done = all(int(row["source_seq"]) >= last or row["state"] in ENDED for row in rows)
         return done or now_ns() - self._drain_since_ns > EXECUTE_NS
 
-    def name_source(self, before: str, now: str) -> None:
-        """The source of the viewer has another name now: no stage starts again for it."""
-        for process in self:
-            if process.source == before:
-                process.source = now
-
     def needed(self, options: SessionOptions, or_alive: bool = False) -> list[StageProcess]:
         """The stages that a session with these options needs, running or not.
 

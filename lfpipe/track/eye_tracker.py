@@ -180,7 +180,6 @@ def _along(ray: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([[1 - k * x * x, -k * x * y, x], [-k * x * y, 1 - k * y * y, y], [-x, -y, z]])
 
 
-log = logging.getLogger(__name__)
 NOWHERE: Eyes = (0.0, 0.0, 0.0, 0.0)
 
 # Logits of the confidence: 20 for an unoccluded face, 13 to 20 for turned heads, 1 to 10 behind a
@@ -301,7 +300,7 @@ class EyeTracker:
         Implausible faces are discarded: one NaN would persist in the running averages.
         """
         if face is not None and not face.plausible:
-            log.info("implausible face: %s", face)
+            logging.getLogger(__name__).info("implausible face: %s", face)
             self.fault = f"engine {self.engine.name} returned an impossible face"
             face = None
         elif face is not None:

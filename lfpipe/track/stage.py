@@ -21,8 +21,6 @@ from lfpipe.track.eye_tracker import EyeTracker
 from lfpipe.transport.context import Context, RingOutput
 from lfpipe.transport.ring import Stamp, now_ns
 
-log = logging.getLogger(__name__)
-
 
 def main(context: Context) -> None:
     """Runs the stage until it is stopped."""
@@ -71,7 +69,7 @@ def _track(context: Context) -> None:
             if not frames.still_valid(stamp):
                 continue  # the writer overtook this reader: the picture may mix two frames
             if tracker.update(face, stamp.t_sensor_ns, stamp.epoch):
-                log.info(
+                logging.getLogger(__name__).info(
                     "face %s at frame %d", "found" if tracker.seen else "lost", stamp.source_seq
                 )
                 context.row["face"] = tracker.seen  # before the event, which wakes its readers

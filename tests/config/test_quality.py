@@ -31,23 +31,6 @@ ERRORS = {
 COSTS = {"warp2": 10.0, "warp": 7.0, "blend": 2.0, "nearest": 1.5}
 
 
-@pytest.mark.parametrize(
-    ("asked", "scene", "has_disparity", "drawn"),
-    [
-        ("auto", "blend", True, "blend"),
-        ("warp2", "blend", True, "warp2"),  # asked for, it is drawn, whatever the scores
-        ("warp", "warp2", True, "warp"),
-        ("warp", "blend", False, "nearest"),
-        ("nearest", "warp2", True, "nearest"),
-        ("blend", "nearest", False, "blend"),
-    ],
-)
-def test_method_in_use_is_the_one_asked_for(
-    asked: str, scene: str, has_disparity: bool, drawn: str
-) -> None:
-    assert method_in_use(asked, scene, has_disparity) == drawn
-
-
 def options(
     method: str = "warp2", costs: dict[str, float] = COSTS, side_px: int = 512, **more: Any
 ) -> SessionOptions:

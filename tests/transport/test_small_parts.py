@@ -196,18 +196,6 @@ plain = st.recursive(
 )
 
 
-@given(
-    message=st.dictionaries(
-        st.text(min_size=1, max_size=8).filter(lambda k: k not in ("v", "id")), plain, max_size=5
-    )
-)
-def test_decode_gives_what_was_encoded(message: dict[str, object]) -> None:
-    try:
-        assert control.decode(control.encode(message)) == {"v": control.VERSION, **message}
-    except control.BadMessage as error:
-        assert "deep" in str(error)
-
-
 @given(data=st.binary(max_size=300) | plain.map(msgpack.packb))
 def test_decode_refuses_random_bytes(
     data: bytes,
