@@ -123,8 +123,9 @@ def test_quality_goes_down_by_levels_on_a_busy_machine_and_comes_back(
         b["level"] for a, b in pairwise([{"level": None}, *lines]) if a["level"] != b["level"]
     ]
     assert levels[0] == 0 and levels[-1] == 0 and max(levels) >= 1
-    methods = {line["level"]: line["method"] for line in lines}
-    assert methods[0] == "warp2" and len(methods) > 1, "which drawing follows is measured"
+    # after a change of level, the former compositor draws until the next one is prepared
+    drawn = {(line["level"], line["method"]) for line in lines}
+    assert (0, "warp2") in drawn and len(drawn) > 1, "which drawing follows is measured"
     assert steps and all(step["words"] and step["why"] for step in steps)
     assert output.read_text().count("picture quality reduced") == 1
     state = world.monitor()
