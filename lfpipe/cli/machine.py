@@ -299,9 +299,10 @@ PATIENCE_FRAMES = 600  # before giving up: 20 s at 30 Hz
 
 
 def placement_of(live: LiveSource, config: Config) -> Placement:
-    """How the second one of two cameras stands against the first, by what both see.
+    """How the second one of two cameras stands against the first, from features matched in
+    both views.
 
-    Raises UserError if they see too little.
+    Raises UserError if too few features match.
     """
     estimator = Estimator(attrs.evolve(live, placement=None), aligns=True)
     assert estimator.alignment is not None
@@ -316,6 +317,6 @@ def placement_of(live: LiveSource, config: Config) -> Placement:
             if estimator.alignment.frames >= 2 * FAST_FRAMES:
                 return estimator.alignment.placement(estimator.swapped)
     raise UserError(
-        f"{live.source}: too little is seen in both views",
+        f"{live.source}: too few features match between the two views",
         "point the cameras at something with texture, in good light",
     )

@@ -50,7 +50,7 @@ from lfpipe.scene.source import GridTransform, Layout, Listing, SceneSource, Vie
 _DARK_SIDE, _DARK_VIEW = 0.55, 0.4
 
 
-def lit(source: SceneSource) -> SceneSource:
+def without_dark_sides(source: SceneSource) -> SceneSource:
     """The source without its dark sides, evenly from both ends; dark views in the corners count as
     missing.
     """
@@ -111,7 +111,7 @@ def _describe_eslf(listing: Listing, scene: config.Scene) -> SceneSource:
     below, beside = -picture.shape[0] % rows, -picture.shape[1] % cols
     if below or beside:  # LFToolbox pads at the end
         picture = cv2.copyMakeBorder(picture, 0, below, 0, beside, cv2.BORDER_CONSTANT)
-    return lit(
+    return without_dark_sides(
         SceneSource(
             layout="eslf",
             path=listing.path,
@@ -412,7 +412,7 @@ def matlab_array(path: Path, *keys: str) -> tuple[Any, list[str], bool]:
 
 def _matlab_source(listing: Listing, path: Path) -> SceneSource:
     array, names, reverse = matlab_array(path, *_KEYS)
-    source = lit(_ordered_source("mat", listing, path, array, names, reverse))
+    source = without_dark_sides(_ordered_source("mat", listing, path, array, names, reverse))
     if not {"LFMetadata", "DecodeOptions", "RectOptions", "WhiteImageMetadata"} & set(names):
         return source
     return attrs.evolve(
