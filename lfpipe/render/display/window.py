@@ -47,7 +47,7 @@ class Zoom:
     def turn(self, steps: int, at: Share) -> None:
         """Zooms in by steps of the wheel, or out; the place under the pointer stays.
 
-        at: the pointer, as shares of what is shown.
+        at: the pointer, as fractions of the visible part.
         """
         before = self.factor
         self.factor = min(max(before * STEP**steps, 1.0), MOST)
@@ -55,7 +55,7 @@ class Zoom:
         self._move(self.x + (at[0] - 0.5) * change, self.y + (at[1] - 0.5) * change)
 
     def drag(self, by: Share) -> None:
-        """Moves the picture with the pointer. by: shares of what is shown."""
+        """Moves the picture with the pointer. by: fractions of the visible part."""
         self._move(self.x - by[0] / self.factor, self.y - by[1] / self.factor)
 
     def reset(self) -> None:
@@ -405,7 +405,7 @@ class ScreenWindow(Display):
             self.pointer = attrs.evolve(self.pointer, left=False)
 
     def _at_shown(self) -> tuple[float, float]:
-        """The pointer as shares of what is shown of the picture; beyond 0 to 1 beside it."""
+        """The pointer as fractions of the visible part of the picture; outside 0 to 1 beside it."""
         if self._shown is None:
             return self.pointer.x, self.pointer.y
         rows, cols = self._shown[0].shape[:2]
