@@ -337,7 +337,7 @@ class Session(Attachment):
             stdout=NULL,
             stderr=NULL,
             env={**os.environ, ERROR_FILE: str(self._error_file)},
-            own_session=True,
+            start_new_session=True,  # signals of the terminal do not reach it
         )
         self._abandoned = weakref.finalize(self, _end_abandoned, name, self._process, os.getpid())
         self._abandoned.atexit = False  # the session ends with the program
@@ -350,7 +350,7 @@ class Session(Attachment):
     def _wait_for_start(self, name: str) -> None:
         end = time.monotonic() + START_S
         while time.monotonic() < end:
-            if self._process.exit_code is not None:
+            if self._process.poll() is not None:
                 raise self._failure()
             with contextlib.suppress(UserError, FileNotFoundError):
                 super().__init__(name)
@@ -372,7 +372,7 @@ class Session(Attachment):
         return UserError(_by_parameter(self._error.message), _by_parameter(self._error.remedy))
 
     def _end(self) -> str:
-        if self._process.wait(STOP_S) in STOPPED:
+        if self._process.ended(STOP_S) in STOPPED:
             return ": it was stopped, or its source ended"
         return f": {self._failure().message}"
 
@@ -385,7 +385,7 @@ class Session(Attachment):
         UserError
             If it failed.
         """
-        code = self._process.wait(timeout_s)
+        code = self._process.ended(timeout_s)
         if code is None:
             return False
         if code not in STOPPED:
@@ -410,9 +410,10 @@ def _end(process: Child) -> None:
     """Ends a session, and returns when it has left nothing behind. It gets a signal, too, because a
     program that was started from here may hold its standard input open.
     """
-    process.end()
-    process.signal(signals.END)
-    process.wait(STOP_S)
+    if process.stdin is not None:
+        process.stdin.close()
+    process.send_signal(signals.END)
+    process.ended(STOP_S)
     process.close()
 
 

@@ -272,10 +272,13 @@ class Segment:
         except FileNotFoundError:
             return False
 
-    def unlink(self) -> None:
-        """Removes the name, if it is still this segment's; who maps the memory keeps it."""
+    def remove(self) -> None:
+        """Removes the name, if it is still this segment's, and unmaps it; another process that maps
+        the memory keeps it.
+        """
         if self.in_place():
             self.path.unlink()
+        self.close()
 
 
 def create_segment(path: Path, size_bytes: int) -> Segment:

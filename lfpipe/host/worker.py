@@ -32,11 +32,11 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from multiprocessing import connection
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from lfpipe._version import __version__
 from lfpipe.errors import UserError
@@ -257,79 +257,35 @@ def python(module: str, *words: str) -> list[str]:
     return [sys.executable, "-P", "-m", module, *words]
 
 
-class Child:
-    """A running child process. Raises OSError if none can be started."""
+class Child(subprocess.Popen[bytes]):
+    """A running child process. ended_fd: can be read once it has ended. Raises OSError if none can
+    be started.
+    """
 
-    def __init__(
-        self,
-        command: Sequence[str],
-        line: bytes = b"",
-        *,
-        stdout: int | IO[bytes] | None = None,
-        stderr: int | IO[bytes] | None = None,
-        env: Mapping[str, str] | None = None,
-        own_session: bool = False,
-    ) -> None:
-        """line: written to its standard input. env: None for that of this process. own_session:
-        signals of the terminal do not reach it.
-        """
-        self.ended_fd, held = os.pipe()
+    def __init__(self, command: Sequence[str], line: bytes = b"", **options: Any) -> None:
+        """line: written to its standard input. options: of `Popen`."""
+        self.ended_fd, write_end = os.pipe()
         try:
-            self.process = subprocess.Popen(
-                command,
-                bufsize=0,
-                stdin=PIPE,
-                stdout=stdout,
-                stderr=stderr,
-                env=env,
-                pass_fds=(held,),
-                start_new_session=own_session,
-            )
+            super().__init__(command, bufsize=0, stdin=PIPE, pass_fds=(write_end,), **options)
         except BaseException:
             os.close(self.ended_fd)
             raise
         finally:
-            os.close(held)
-        self.pid = self.process.pid
-        assert self.process.stdin is not None
-        if line:
-            with contextlib.suppress(BrokenPipeError):  # `exit_code` then reports it
-                self.process.stdin.write(line + b"\n")
+            os.close(write_end)
+        if line and self.stdin is not None:
+            with contextlib.suppress(BrokenPipeError):  # `poll` then reports it
+                self.stdin.write(line + b"\n")
 
-    def pipes(self) -> list[IO[bytes]]:
-        """Its output and errors, as far as they are pipes; reading them does not block."""
-        found = [pipe for pipe in (self.process.stdout, self.process.stderr) if pipe is not None]
-        for pipe in found:
-            os.set_blocking(pipe.fileno(), False)
-        return found
-
-    @property
-    def exit_code(self) -> int | None:
-        """The exit code, negative for a signal; None while it runs."""
-        return self.process.poll()
-
-    def wait(self, timeout_s: float | None = None) -> int | None:
+    def ended(self, timeout_s: float | None = None) -> int | None:
         """Waits for its end; the exit code, or None if it still runs after timeout_s."""
         with contextlib.suppress(subprocess.TimeoutExpired):
-            return self.process.wait(timeout_s)
+            return self.wait(timeout_s)
         return None
-
-    def signal(self, signum: int) -> None:
-        """Sends a signal, unless it has ended."""
-        self.process.send_signal(signum)
-
-    def end(self) -> None:
-        """Closes its standard input, which ends it."""
-        assert self.process.stdin is not None
-        self.process.stdin.close()
 
     def close(self) -> None:
         """Kills the child and closes the pipes. May be called again."""
-        self.process.kill()
-        self.process.wait()
-        for pipe in (self.process.stdin, self.process.stdout, self.process.stderr):
-            if pipe is not None:
-                pipe.close()
+        with self:  # closes the pipes, and waits
+            self.kill()
         if self.ended_fd >= 0:
             os.close(self.ended_fd)
             self.ended_fd = -1
@@ -389,8 +345,10 @@ class Worker:
         line = json.dumps(request).encode()
         with signals.blocked():
             self._process = Child(python(module), line, stdout=PIPE, stderr=stderr)
-        self._open = self._process.pipes()  # those that have not ended
-        self._stdout = self._open[0]
+        pipes = (self._process.stdout, self._process.stderr)
+        self._open = [pipe for pipe in pipes if pipe is not None]  # those that have not ended
+        for pipe in self._open:
+            os.set_blocking(pipe.fileno(), False)
         self._rest = self._log = b""  # of the last line, of what it wrote to stderr
         self._step_s = time.monotonic()
         self._reading = ""  # the file that it opened last
@@ -411,7 +369,7 @@ class Worker:
 
     def _exit_code(self) -> int | None:
         """The child's exit code, after its last output is read; None while it runs."""
-        code = self._process.exit_code
+        code = self._process.poll()
         end_s = time.monotonic() + LAST_OUTPUT_S
         while code is not None and self._open:
             left_s = end_s - time.monotonic()
@@ -429,7 +387,7 @@ class Worker:
                 data = stream.read(1 << 16)  # None if nothing is available yet
                 if data == b"":
                     self._open.remove(stream)
-                elif data and stream is not self._stdout:
+                elif data and stream is not self._process.stdout:
                     self._log = (self._log + data)[-MAX_LOG_BYTES:]
                 elif data:
                     *lines, rest = (self._rest + data).split(b"\n")
@@ -459,7 +417,7 @@ class Worker:
             if self._open:
                 connection.wait(self.fds, 0.1)
             else:
-                self._process.wait(0.1)
+                self._process.ended(0.1)
             self.read()
 
     def result(self) -> dict[str, Any]:

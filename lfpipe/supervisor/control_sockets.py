@@ -7,7 +7,7 @@ scene on screen, one for a requested scene.
 import contextlib
 import itertools
 import os
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ import zmq
 
 from lfpipe.config import SceneSummary
 from lfpipe.scene.pack import PackerRequest, Packing
+from lfpipe.supervisor.requests import Reply, Then
 from lfpipe.transport import control
 from lfpipe.transport.control import BadMessage, Message
 from lfpipe.transport.ring import SECOND_NS, now_ns
@@ -141,8 +142,6 @@ def _received(socket: zmq.Socket[bytes]) -> Iterator[list[bytes]]:
             yield socket.recv_multipart(zmq.NOBLOCK)
 
 
-# makes the reply to a request from the answers of its stages, by name
-Then = Callable[[Mapping[str, Message]], Any]
 APPLY_NS = SECOND_NS  # time limit for the stages to apply a change before the answer
 OF_THE_MESSAGE = ("v", "cmd", "number", "id")  # not of the answer
 # time limit for the stages to execute a command, or to finish their work after the source's end
@@ -159,15 +158,15 @@ class _Pending:
     """Its answer so far."""
     until_ns: int
     """The latest time of the answer."""
-    rev: int = 0
+    rev: int
     """The revision that the stages apply; 0 if they execute a command."""
-    on_trial: bool = False
+    on_trial: bool
     """Whether a rollback undoes the request."""
-    missing: set[str] = attrs.field(factory=set)
+    missing: set[str]
     """The stages that have not executed it."""
-    starts: bool = False
+    starts: bool
     """Whether they start for it."""
-    then: Then | None = None
+    then: Then | None
     """Makes the reply once they have."""
 
 
@@ -182,33 +181,24 @@ class PendingAnswers:
         return bool(self._pending)
 
     def add(
-        self,
-        request: Request,
-        t_ns: int,
-        answer: Message | None = None,
-        *,
-        rev: int = 0,
-        stages: Collection[str] = (),
-        starts: bool = False,
-        on_trial: bool = False,
-        then: Then | None = None,
+        self, request: Request, reply: Reply, answer: Message, rev: int, on_trial: bool, t_ns: int
     ) -> int:
-        """The answer waits until the stages have applied revision rev, or `stages` have executed
-        the command that is sent with the returned number. t_ns: now. starts: whether they start for
-        it. on_trial: whether a rollback undoes the request. then: makes the reply once they have
-        executed it.
+        """The answer waits until the stages have applied revision rev, or those of the reply have
+        executed the command that is sent with the returned number. on_trial: whether a rollback
+        undoes the request. t_ns: now.
         """
         number = next(self._numbers)
-        limit_ns = APPLY_NS if rev else START_NS if starts else EXECUTE_NS
+        starts = bool(reply.executed_by) and reply.state is not None
+        limit_ns = START_NS if starts else EXECUTE_NS if reply.executed_by else APPLY_NS
         self._pending[number] = _Pending(
             request=request,
-            answer={"ok": True, **(answer or {})},
+            answer=answer,
             until_ns=t_ns + limit_ns,
-            rev=rev,
+            rev=0 if reply.executed_by else rev,
             on_trial=on_trial,
-            missing=set(stages),
+            missing=set(reply.executed_by),
             starts=starts,
-            then=then,
+            then=reply.then,
         )
         return number
 

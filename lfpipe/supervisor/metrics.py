@@ -312,7 +312,6 @@ class Governor:
         self._required_s = HEADROOM_S  # headroom time required to raise the level
         self._changes = CHANGES
         self._raised_ns = self._lost_ns = -math.inf
-        self._in_burst = False  # whether a level was lost since the last raise
         self._before = self._deepest = 0  # the levels before the last burst and at its end
         self._t_ns = -math.inf
         self._headroom_s = 0.0
@@ -349,11 +348,10 @@ class Governor:
             self._stages.clear()
             return None
         if worst and lags[worst].lag_s >= LAG_S:
-            self._lost_ns = t_ns
             step = Step(self._lowered(t_ns), worst, lags[worst].lagging)
+            self._lost_ns = t_ns
         elif self.level and self._headroom_s >= self._required_s and self._changes >= 2:
             self._raised_ns = t_ns
-            self._in_burst = False
             step = Step(min(self._before, self.level - 1))
         else:
             return None
@@ -365,13 +363,13 @@ class Governor:
     def _lowered(self, t_ns: int) -> int:
         """The next level, now that this one lags."""
         lower = self.level + 1
-        if not self._in_burst and t_ns - self._raised_ns < KEPT_S * 1e9:
+        in_burst = self._lost_ns > self._raised_ns
+        if not in_burst and t_ns - self._raised_ns < KEPT_S * 1e9:
             self._required_s = min(2 * self._required_s, MAX_HEADROOM_S)
-        elif not self._in_burst:
+        elif not in_burst:
             self._required_s = HEADROOM_S
             self._before = self.level
             lower = max(lower, self._deepest)
-        self._in_burst = True
         self._deepest = lower
         return lower
 

@@ -265,8 +265,6 @@ def _found(source: str, state: SessionState, answers: Mapping[str, Message]) -> 
 def _keep(state: SessionState, message: Message, _t_ns: int) -> Reply:
     """Applies the focal length of the camera, which the window has measured and saved."""
     focal_px = message.get("focal_px")
-    if not _is_positive(focal_px):
-        raise BadMessage(f"keep: focal_px {focal_px!r:.100} is not a number of px")
     _check_camera(state)
     config = config_module.updated(state.config, {"camera.focal_px": focal_px})
     return Reply(answer={"focal_px": focal_px}, state=state.changed(config))

@@ -119,6 +119,7 @@ class LiveSession:
                 closing(StageProcesses(session, table, self._spec, ask_to_stop, self.notify))
             )
             self.close = parts.pop_all().close  # stops the stages and removes the memory
+        self._apply = self._store.apply
         self._pending = PendingAnswers()
         self._trial = Trial()
         self._quality = QualityControl(self._cpus)
@@ -196,11 +197,6 @@ class LiveSession:
     def _end(self, reason: str, **more: Any) -> None:
         """Ends the session; only the first outcome counts. more: as in `Outcome`."""
         self._outcome = self._outcome or Outcome(reason=reason, **more)
-
-    def _apply(self, state: SessionState) -> None:
-        """Stores a state, if it is another one."""
-        if state is not self.state:
-            self._store.apply(state)
 
     # stages
 
@@ -297,28 +293,19 @@ class LiveSession:
         state = self.state
         if state.idle:
             return  # with little to do, the stages say nothing about the load
-        lowest = len(state.levels) - 1
-        level = state.level
         step = self._quality.sample(state, self._table.rows, now_ns())
         if step is not None:
             self._apply(state.with_level(step.level))
-            level = state.levels[step.level]
-            logger.info(
-                "quality level %d of %d, %s: %s", level.number, lowest, level.words, step.reason
-            )
-            self._sockets.publish(
-                "level",
-                level=level.number,
-                lowest=lowest,
-                words=level.words,
-                stage=step.stage,
-                why=step.reason,
-            )
-        row = self._table.session  # for monitors
-        row["level"] = level.number
-        row["lowest"] = lowest
-        row["words"] = level.words.encode()
-        if step is not None and level.number and not self._reduced:
+        level, lowest = self.state.level, len(state.levels) - 1
+        self._table.session[()] = level.number, lowest, level.words.encode()  # for monitors
+        if step is None:
+            return
+        words, why = level.words, step.reason
+        logger.info("quality level %d of %d, %s: %s", level.number, lowest, words, why)
+        self._sockets.publish(
+            "level", level=level.number, lowest=lowest, words=words, stage=step.stage, why=why
+        )
+        if level.number and not self._reduced:
             self._reduced = True
             self.notify(REDUCED)
 
@@ -452,52 +439,32 @@ class LiveSession:
         self._sockets.answer(request, self.state.rev, answer)
 
     def _execute(self, request: Request, reply: Reply) -> None:
-        """Executes a reply; answers now, or when it is done."""
+        """Executes a reply; answers now, or once the stages have applied its state, or executed the
+        request: those that run by a message, and those that start with the state by their
+        `StageSpec`.
+        """
         if reply.load is not None:
             if replaced := self._loads.want(request, reply.load):
                 self._answer(replaced, REPLACED)
-        elif reply.executed_by:
-            self._command(request, reply)
-        else:
-            self._answer_applied(request, reply)
-        if reply.stop:
-            closed = request.sender == SHOWN_BY
-            self._end("the window was closed" if closed else "stopped by command")
-
-    def _command(self, request: Request, reply: Reply) -> None:
-        """Lets stages execute a request: those that run by a message, and those that start with the
-        state of the reply by their `StageSpec`.
-        """
-        before, then = self.state, reply.then
-        if reply.state is not None:
-            self._apply(reply.state)
-        number = self._pending.add(
-            request,
-            now_ns(),
-            reply.answer,
-            stages=reply.executed_by,
-            starts=reply.state is not None,
-            on_trial=self.state.replaces_revertible_of(before),
-            then=then and (lambda answers: then(self.state, answers)),
-        )
-        if reply.state is None:
-            for stage in reply.executed_by:  # nothing else of the request reaches a stage
-                command = {"cmd": request.command, "number": number, **reply.payload}
-                self._sockets.send(stage, command)
-
-    def _answer_applied(self, request: Request, reply: Reply) -> None:
-        """Stores the state of a reply, and answers once the stages have applied it."""
+            return
         answer = {"ok": True, **reply.answer}
         if reply.with_stages:
             answer |= self.metrics().to_dict()
         before = self.state
-        state = before if reply.state is None else reply.state
-        self._store.apply(state)
-        if state.rev == before.rev:
+        self._apply(reply.state or before)
+        state = self.state
+        if not reply.executed_by and state.rev == before.rev:
             self._answer(request, answer)
         else:
             on_trial = state.replaces_revertible_of(before)
-            self._pending.add(request, now_ns(), answer, rev=state.rev, on_trial=on_trial)
+            number = self._pending.add(request, reply, answer, state.rev, on_trial, now_ns())
+            for stage in reply.executed_by if reply.state is None else ():
+                # nothing else of the request reaches a stage
+                command = {"cmd": request.command, "number": number, **reply.payload}
+                self._sockets.send(stage, command)
+        if reply.stop:
+            closed = request.sender == SHOWN_BY
+            self._end("the window was closed" if closed else "stopped by command")
 
     def _take_scenes(self) -> None:
         """Shows scenes that are packed now."""
@@ -534,11 +501,9 @@ class LiveSession:
                 self._answer(request, answer)
             else:
                 before = self.state.options.viewer.source
-                self._respond(request, partial(then, answer.get("stages", {})))
-                for (
-                    process
-                ) in self.stages:  # it may have another name now: none starts again for it
-                    if process.source == before:
+                self._respond(request, partial(then, self.state, answer.get("stages", {})))
+                for process in self.stages:
+                    if process.source == before:  # by another name now: none starts again for it
                         process.source = self.state.options.viewer.source
 
     # what others see

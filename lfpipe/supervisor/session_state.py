@@ -51,13 +51,6 @@ from lfpipe.transport.ring import RingSpec
 TRIAL_NS = FAULT_NS
 
 
-def new_ring(kind: str) -> str:
-    """The name of an on-demand ring: never used before, so that no reader maps an old one, and
-    unpredictable, so that no other user takes it first.
-    """
-    return f"{kind}.{secrets.token_hex(4)}"
-
-
 # the options that a stage may fail on; with the configuration, they can be rolled back
 REVERTIBLE = ("scene", "viewer", "playlist", "playlist_at")
 
@@ -209,7 +202,8 @@ class SessionState:
         size_px = (scene.height_px, scene.width_px)
         if self.options.pictures and size_px == self.pictures_px:
             return attrs.evolve(self, pictures_until_ns=until_ns)
-        new = self.changed(pictures=new_ring("pictures"))
+        # a name that was never used, so that no reader maps an old ring
+        new = self.changed(pictures=f"pictures.{secrets.token_hex(4)}")
         return attrs.evolve(new, pictures_until_ns=until_ns, pictures_px=size_px)
 
     def without_pictures(self) -> SessionState:
@@ -269,11 +263,6 @@ class Trial:
         return True
 
 
-def _remove(memory: Segment) -> None:
-    memory.unlink()
-    memory.close()
-
-
 class SessionStore:
     """Stores the state of a session. The pack of the state is held, so that `lfpipe scene clean`
     does not remove it while the stage that shows it restarts.
@@ -291,7 +280,7 @@ class SessionStore:
         self._pack = contextlib.ExitStack()
         with contextlib.ExitStack() as undo:
             self._status = status.create(session.segment("status"), METRICS)
-            undo.callback(_remove, self._status)
+            undo.callback(self._status.remove)
             undo.callback(self._keep, ())
             undo.callback(self._pack.close)
             self._hold(state.options.pack)
@@ -342,7 +331,7 @@ class SessionStore:
     def _keep(self, names: Collection[str]) -> None:
         """Removes the other rings; existing mappings stay valid."""
         for name in self._rings.keys() - names:
-            _remove(self._rings.pop(name))
+            self._rings.pop(name).remove()
 
     def take_message(self) -> bytes | None:
         """The newest state as a message for every stage, once; None if already sent. Of several

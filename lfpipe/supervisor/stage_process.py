@@ -98,7 +98,7 @@ class StageProcess:
 
     def reap(self) -> int | None:
         """Exit code when the process has ended since the last call, else None."""
-        code = None if self.process is None else self.process.exit_code
+        code = None if self.process is None else self.process.poll()
         if self.process is None or code is None:
             return None
         self.process.close()
@@ -188,7 +188,7 @@ class StageProcess:
     def signal(self, signum: int) -> None:
         """Sends one of `host.signals` if there is a process."""
         if self.process is not None:
-            self.process.signal(signum)
+            self.process.send_signal(signum)
 
 
 class StageProcesses:
@@ -324,8 +324,8 @@ def wait_for_end(stages: Collection[StageProcess], notify: Callable[[str], None]
         due_ns = now_ns() + int(limit_s * 1e9)
         while living := [process for process in stages if process.alive]:
             if now_ns() >= due_ns:
-                saving = {process.stage.name: process.saving_description for process in living}
-                saving = {name: text for name, text in saving.items() if text}
+                texts = {process.stage.name: process.saving_description for process in living}
+                saving = {name: text for name, text in texts.items() if text}
                 if not saving:
                     break
                 for name in saving.keys() - reported:

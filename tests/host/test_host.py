@@ -180,4 +180,4 @@ def test_failed_child_reports_its_error_and_ends(
 ) -> None:
     running = child(program, limit_s=limit_s)
     assert how in str(refusal(running.result))
-    assert running._process.exit_code is not None
+    assert running._process.poll() is not None

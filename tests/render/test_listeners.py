@@ -188,8 +188,7 @@ def test_picture_ring_begins_with_the_picture_on_the_screen(tmp_path: Path) -> N
         listener.set_options(attrs.evolve(NONE, pictures="none"))  # released since
         reader.close()
     finally:
-        segment.close()
-        segment.unlink()
+        segment.remove()
 
 
 def test_shown_stamps_only_on_demand_and_of_what_was_seen() -> None:

@@ -42,7 +42,10 @@ class Process:
         self.exit_code: int | None = None
         self.ended_fd, self._held = os.pipe()
 
-    def signal(self, signum: int) -> None:
+    def poll(self) -> int | None:
+        return self.exit_code
+
+    def send_signal(self, signum: int) -> None:
         if signum == signals.KILL:
             self.exit_code = -9
 
@@ -89,7 +92,7 @@ class Played:
         for _ in range(round(seconds * 10)):
             self.t_ns += 100 * MS_NS
             for process in self.live.stages:
-                if not process.alive or process.process.exit_code is not None:  # type: ignore[union-attr]
+                if not process.alive or process.process.poll() is not None:  # type: ignore[union-attr]
                     continue
                 row = process.row
                 row["state"] = State.RUNNING
@@ -104,7 +107,7 @@ class Played:
         for process in self.live.stages:
             if process.stage.name in names:
                 assert process.process is not None
-                process.process.exit_code = code  # type: ignore[misc]
+                process.process.exit_code = code  # type: ignore[attr-defined]
                 process.row["config_rev"] -= not applied
 
     def told(self, words: str) -> int:

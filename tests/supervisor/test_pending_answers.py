@@ -1,8 +1,5 @@
 """`PendingAnswers`: recipients and times of answers, without a socket or a clock."""
 
-from collections.abc import Mapping
-from typing import Any
-
 from lfpipe.supervisor.control_sockets import (
     APPLY_NS,
     EXECUTE_NS,
@@ -10,7 +7,10 @@ from lfpipe.supervisor.control_sockets import (
     PendingAnswers,
     Request,
 )
+from lfpipe.supervisor.requests import Reply
+from tests.supervisor.states import made_state
 
+OK = {"ok": True}
 FIRST, SECOND, THIRD = Request(b"first"), Request(b"second"), Request(b"third")
 
 
@@ -21,8 +21,8 @@ def answers(pending: PendingAnswers, applied_rev: int, t_ns: int) -> list[tuple[
 
 def test_pending_answers_await_a_revision() -> None:
     pending = PendingAnswers()
-    pending.add(FIRST, 0, rev=2, on_trial=False)
-    pending.add(SECOND, 10, rev=3, on_trial=False)
+    pending.add(FIRST, Reply(), OK, 2, False, 0)
+    pending.add(SECOND, Reply(), OK, 3, False, 10)
     assert answers(pending, 1, APPLY_NS) == [] and pending
     assert answers(pending, 2, APPLY_NS) == [(b"first", True)]
     assert answers(pending, 2, APPLY_NS + 11) == [(b"second", False)] and not pending
@@ -30,9 +30,9 @@ def test_pending_answers_await_a_revision() -> None:
 
 def test_pending_answers_refuse_only_what_is_undone() -> None:
     pending = PendingAnswers()
-    pending.add(FIRST, 0, rev=4, on_trial=True)
-    pending.add(SECOND, 0, rev=5, on_trial=False)
-    pending.add(THIRD, 0, stages=("render",))
+    pending.add(FIRST, Reply(), OK, 4, True, 0)
+    pending.add(SECOND, Reply(), OK, 5, False, 0)
+    pending.add(THIRD, Reply(executed_by=("render",)), OK, 1, False, 0)
     refused = {"ok": False, "error": "why"}
     assert list(pending.refuse_changes({"error": "why"})) == [(FIRST, refused)]
     assert answers(pending, 6, 1) == [(b"second", True)] and pending
@@ -40,7 +40,7 @@ def test_pending_answers_refuse_only_what_is_undone() -> None:
 
 def test_pending_answers_await_all_stages() -> None:
     pending = PendingAnswers()
-    number = pending.add(FIRST, 0, stages=("render", "track"))
+    number = pending.add(FIRST, Reply(executed_by=("render", "track")), OK, 1, False, 0)
     message = {"v": 2, "cmd": "executed", "number": number, "ok": True, "path": "/x"}
     pending.executed("render", message)
     pending.executed("share", message)
@@ -56,28 +56,25 @@ def test_pending_answers_await_all_stages() -> None:
 
 def test_pending_answers_name_a_stage_that_fails_or_is_silent() -> None:
     pending = PendingAnswers()
-    number = pending.add(FIRST, 0, stages=("render", "track"))
+    number = pending.add(FIRST, Reply(executed_by=("render", "track")), OK, 1, False, 0)
     pending.executed("render", {"number": number, "ok": False, "error": "no room"})
     pending.executed("track", {"number": number, "ok": True})
     assert list(pending.due(bool, 1)) == [(FIRST, {"ok": False, "error": "no room"}, None)]
-    pending.add(SECOND, 0, stages=("render",))
+    pending.add(SECOND, Reply(executed_by=("render",)), OK, 1, False, 0)
     ((_, answer, _),) = pending.due(bool, EXECUTE_NS + 1)
     assert answer["ok"] is False and answer["error"].startswith("render did not execute it")
 
 
 def test_a_stage_that_starts_for_a_request_answers_it_by_its_number() -> None:
     pending = PendingAnswers()
-
-    def then(answers: Mapping[str, Any]) -> str:
-        return str(answers["capture"]["source"])
-
-    first = pending.add(FIRST, 0, stages=("capture",), starts=True, then=then)
-    pending.add(SECOND, 0, stages=("capture",))  # by a message
+    reply = Reply(executed_by=("capture",), state=made_state(), then=lambda *_: Reply())
+    first = pending.add(FIRST, reply, OK, 1, False, 0)
+    pending.add(SECOND, Reply(executed_by=("capture",)), OK, 1, False, 0)  # by a message
     assert (pending.number_for("capture"), pending.number_for("track")) == (first, 0)
     assert [request for request, _, _ in pending.due(bool, EXECUTE_NS + 1)] == [SECOND]
     pending.executed("capture", {"number": first, "ok": True, "source": "demo"})
-    ((request, answer, made),) = pending.due(bool, START_NS)
-    assert request == FIRST and made is not None and made(answer["stages"]) == "demo"
-    first = pending.add(FIRST, 0, stages=("record",), starts=True, then=then)
-    pending.executed("record", {"number": first, "ok": False, "error": "no room"})
+    answer = {"ok": True, "stages": {"capture": {"source": "demo"}}}
+    assert list(pending.due(bool, START_NS)) == [(FIRST, answer, reply.then)]
+    first = pending.add(FIRST, reply, OK, 1, False, 0)
+    pending.executed("capture", {"number": first, "ok": False, "error": "no room"})
     assert list(pending.due(bool, 1)) == [(FIRST, {"ok": False, "error": "no room"}, None)]

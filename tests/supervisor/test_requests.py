@@ -109,7 +109,7 @@ CHANGED: list[tuple[Message, Message, Message]] = [
 def test_respond_changes_the_state(
     monkeypatch: pytest.MonkeyPatch, message: Message, answer: Message, state: Message
 ) -> None:
-    monkeypatch.setattr("lfpipe.supervisor.session_state.new_ring", "{}.lent".format)
+    monkeypatch.setattr("secrets.token_hex", lambda _: "lent")
     reply = respond(made_state(), message, 0)
     assert reply.answer == answer and reply.state is not None
     assert {name: getattr(reply.state, name) for name in state} == state
@@ -182,7 +182,7 @@ REFUSED: list[tuple[str, Message, str, list[Message]]] = [
             )
         ],
     ),
-    ("keep", {}, "not a number of px", [{"focal_px": wrong} for wrong in ("auto", -1, True, None)]),
+    ("keep", {}, "camera.focal_px", [{"focal_px": wrong} for wrong in (-1, True, None)]),
     ("keep", {"viewer": MouseViewer()}, "no camera is in use", [{"focal_px": 600.0}]),
     ("viewer", {"record": "/r"}, "being recorded", [{"source": "mouse"}]),
     ("viewer", {"viewer": NoViewer()}, "single view", [{"source": "mouse"}]),

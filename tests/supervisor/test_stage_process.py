@@ -114,7 +114,7 @@ def test_is_stopped_tells_a_stopped_process() -> None:
     child = Child([sys.executable, "-c", "while True: pass"])
     try:
         assert not is_stopped(child.pid)
-        child.signal(signal.SIGSTOP)
+        child.send_signal(signal.SIGSTOP)
         until(lambda: is_stopped(child.pid), "stop, once it has a core")
     finally:
         child.close()
@@ -241,7 +241,7 @@ def test_a_stage_that_was_asked_to_stop_and_is_needed_again_has_not_failed(
 ) -> None:
     """A viewer that came back before its tracker had ended was rolled back."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    children = [Mock(exit_code=None, pid=1), Mock(exit_code=None, pid=2)]
+    children = [Mock(**{"poll.return_value": None}, pid=pid) for pid in (1, 2)]
     monkeypatch.setattr(stage_process, "Child", Mock(side_effect=children))
     monkeypatch.setattr("lfpipe.supervisor.child.start_line", lambda spec: b"")
     needed = [True]
@@ -253,7 +253,7 @@ def test_a_stage_that_was_asked_to_stop_and_is_needed_again_has_not_failed(
     for wanted in (True, False, True):
         needed[0] = wanted
         stages.ensure_running(SessionOptions())
-    children[0].exit_code = code
+    children[0].poll.return_value = code
     table.rows["render"]["taken_seq"] = 7
     assert stages.check() == []
     # one whose work was done leaves nothing that its successor would count as lost

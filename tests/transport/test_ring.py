@@ -27,8 +27,7 @@ def memory(spec: RingSpec) -> Iterator[Path]:
     path = SHM_DIR / f"lfpipe-test-{secrets.token_hex(8)}.ring"
     shared = ring.create(path, spec)
     yield path
-    shared.close()
-    shared.unlink()
+    shared.remove()
 
 
 @pytest.fixture

@@ -36,12 +36,10 @@ def test_segment_has_its_name_when_it_is_complete(path: Path) -> None:
     assert path.stat().st_blocks * 512 >= files.PAGE, "its memory is reserved"
     second = files.create_segment(path, 100)
     files.publish_segment(second, path)
-    made.unlink()
+    made.remove()
     assert second.in_place(), "the name is that of another one now"
-    second.unlink()
+    second.remove()
     assert not list(path.parent.iterdir())
-    made.close()
-    second.close()
 
 
 def test_segment_create_without_memory_leaves_nothing(path: Path) -> None:

@@ -119,8 +119,7 @@ def test_status_row_is_seen_by_another_attachment(tmp_path: Path) -> None:
     assert [one.meaning for one in watch.metrics["track"]] == [one.meaning for one in METRICS]
     del seen
     watch.close()
-    memory.close()
-    memory.unlink()
+    memory.remove()
 
 
 @pytest.mark.parametrize(
@@ -263,5 +262,4 @@ def test_status_table_has_room_for_the_stages_of_other_packages(tmp_path: Path) 
     table = status.Table(path)
     assert set(table.rows) == set(stages)
     table.close()
-    memory.unlink()
-    memory.close()
+    memory.remove()
