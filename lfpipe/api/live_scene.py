@@ -2,12 +2,12 @@
 
 import contextlib
 import math
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.api.scenes import ArrayLike, typed
+from lfpipe.api.scenes import ArrayLike, Closing, typed
 from lfpipe.errors import UserError
 from lfpipe.live.records import (
     MAX_SIDE_PX,
@@ -39,7 +39,7 @@ class Viewpoints(NamedTuple):
     right_mm: tuple[float, float, float]
 
 
-class LiveScene:
+class LiveScene(Closing):
     """A light field that this program draws, frame by frame, for `lfpipe up live:ring:NAME`.
 
     Parameters
@@ -190,12 +190,6 @@ class LiveScene:
     def close(self) -> None:
         """Ends the scene; a session that shows it keeps the last picture."""
         self._parts.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def _check_range(what: str, value: int, most: int) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
@@ -337,7 +337,19 @@ class Eyes:
         return extrapolated(self.filtered_px, self.velocity_px_s, t_ns - self.t_ns)
 
 
-class Tracker:
+class Closing:
+    """A context that closes the object at its end."""
+
+    close: Callable[[], None]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class Tracker(Closing):
     """Tracks one face from frame to frame, in this process.
 
     Parameters
@@ -418,9 +430,3 @@ class Tracker:
         if not self._closed:
             self._closed = True
             self._tracker.engine.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

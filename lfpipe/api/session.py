@@ -13,13 +13,13 @@ import weakref
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Self
+from typing import Any
 
 import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.api.scenes import ArrayLike, Eyes, Number, ScenePath, scene_path, typed
+from lfpipe.api.scenes import ArrayLike, Closing, Eyes, Number, ScenePath, scene_path, typed
 from lfpipe.config import Config, Snapshot, converter, updated
 from lfpipe.errors import ERROR_FILE, UserError
 from lfpipe.host import signals
@@ -57,7 +57,7 @@ class Frame:
     """source_seq, t_sensor_ns, t_read_ns, skipped, ..."""
 
 
-class Attachment:
+class Attachment(Closing):
     """A running session: reads its newest data, where a slow reader skips frames, and sends
     commands.
 
@@ -262,12 +262,6 @@ class Attachment:
             reader.close()
         self._readers.clear()
         self._watch.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 class Session(Attachment):

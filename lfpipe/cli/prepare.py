@@ -30,7 +30,6 @@ from lfpipe.config import Config, SessionOptions, converter, load
 from lfpipe.config.check import has_key, with_measured_focal
 from lfpipe.config.session_options import (
     CameraViewer,
-    Clock,
     Live,
     MouseViewer,
     Nothing,
@@ -200,7 +199,7 @@ def check(arguments: UpArguments, request: Request) -> None:
 def _open_source(arguments: UpArguments, request: Request) -> SessionPlan:
     """A session that tracks eyes and shows nothing."""
     viewer = _viewer(arguments, request)
-    config = with_engine(with_measured_focal(request.config, camera_name(viewer.source)))
+    config = _completed(request.config, viewer)
     camera = (
         f"eyes\tfrom {viewer.source}, found by {config.track.engine}, filter"
         f" {config.track.filter}; no picture is shown"
@@ -229,7 +228,7 @@ def _open(arguments: UpArguments, request: Request, packed: Packed | None) -> di
         if isinstance(found, PackerRequest):
             return {"to_pack": found, "complete": request.video is not None}
         opened = found
-    return {"plan": _plan(arguments, request, opened)}
+    return {"plan": _open_packed(arguments, request, opened)}
 
 
 def _open_live(arguments: UpArguments, request: Request) -> SessionPlan:
@@ -240,67 +239,59 @@ def _open_live(arguments: UpArguments, request: Request) -> SessionPlan:
     live = check_live(text, request.config)
     viewer = _viewer(arguments, request)
     check_devices(text, live, viewer.source)
-    config = request.config
-    if viewer.source and isinstance(viewer, CameraViewer | RecordedEyes):
-        config = with_measured_focal(config, camera_name(viewer.source))
-    if viewer.tracked:
-        config = with_engine(config)
-    display = request.display
     name = redacted(live.source)
     field = LiveViews(live, name).field
-    return SessionPlan(
-        config=config,
-        options=SessionOptions(
-            scene=summary_of(live, name),
-            live=live,
-            viewer=viewer,
-            display=display,
-            ask_glasses=_is_first_start(arguments, display),
-            trace=str(arguments.trace.resolve()) if arguments.trace else "",
-            extras=arguments.extras,
-        ),
-        duration_s=request.duration_s,
-        lines=(
-            *startup_lines(config, field, make_plan(field, config), viewer, display),
-            *device_latency_lines(config, viewer, display),
-            *_extra_lines(arguments),
-        ),
-        files=tuple(filter(None, (request.video, arguments.trace))),
-    )
+    scene = summary_of(live, name)
+    return _plan(arguments, request, field, viewer, scene=scene, live=live)
 
 
-def _plan(arguments: UpArguments, request: Request, opened: Opened) -> SessionPlan:
-    display = request.display
+def _open_packed(arguments: UpArguments, request: Request, opened: Opened) -> SessionPlan:
     scenes = opened.scenes
     scene = summarize(opened.field)
-    config, viewer, clock = _watched(arguments, request, opened, scene.needs_eyes)
-    lines = [
-        *startup_lines(config, opened.field, make_plan(opened.field, config), viewer, display),
-        *device_latency_lines(config, viewer, display),
-        *_extra_lines(arguments),
-    ]
-    if len(scenes) > 1:
-        keys = "" if arguments.lock_code else ": Page Up, Page Down, Tab"
-        lines.append(f"scenes\t{len(scenes)}{keys}")
+    viewer = _watching(arguments, request, opened, scene.needs_eyes)
     if request.still is not None:
         folder = request.still.parent
         folder.mkdir(exist_ok=True)
-        lines.insert(0, f"no screen here: the demo records itself in {folder}/")
+        say(f"no screen here: the demo records itself in {folder}/")
     if arguments.scenes and not (arguments.lock_code or arguments.start or arguments.calibrate_mm):
         remember_scene(scenes[0])
-    options = SessionOptions(
+    is_camera = isinstance(viewer, CameraViewer | RecordedEyes) and viewer.source
+    return _plan(
+        arguments,
+        request,
+        opened.field,
+        viewer,
         scene=scene,
-        viewer=viewer,
-        clock=clock,
-        display=display,
+        clock=clock_of(viewer.source) if is_camera else Live(),
         playlist=tuple(str(path.resolve()) for path in scenes),
+    )
+
+
+def _plan(
+    arguments: UpArguments, request: Request, field: LightField, viewer: Viewer, **more: Any
+) -> SessionPlan:
+    """A session that shows pictures. more: options, as in `SessionOptions`."""
+    display = request.display
+    config = _completed(request.config, viewer)
+    options = SessionOptions(
+        viewer=viewer,
+        display=display,
         start=arguments.start,
         calibrate_mm=arguments.calibrate_mm,
         ask_glasses=_is_first_start(arguments, display),
         trace=str(arguments.trace.resolve()) if arguments.trace else "",
         still=str(request.still.resolve()) if request.still else "",
         extras=arguments.extras,
+        **more,
     )
+    lines = [
+        *startup_lines(config, field, make_plan(field, config), viewer, display),
+        *device_latency_lines(config, viewer, display),
+        *_extra_lines(arguments),
+    ]
+    if len(options.playlist) > 1:
+        keys = "" if arguments.lock_code else ": Page Up, Page Down, Tab"
+        lines.append(f"scenes\t{len(options.playlist)}{keys}")
     return SessionPlan(
         config=config,
         options=options,
@@ -314,27 +305,26 @@ def _extra_lines(arguments: UpArguments) -> list[str]:
     return [f"{name}\t{text}" for name, texts in arguments.extras.items() for text in texts]
 
 
-def _watched(
-    arguments: UpArguments, request: Request, opened: Opened, needs_eyes: bool
-) -> tuple[Config, Viewer, Clock]:
-    """The configuration with what the machine and the camera lack or are known for, the viewer, and
-    the clock. Raises UserError.
-    """
-    config = request.config
+def _watching(arguments: UpArguments, request: Request, opened: Opened, needs_eyes: bool) -> Viewer:
+    """The viewer of scenes. Raises UserError."""
     if not needs_eyes and len(opened.scenes) == 1:
         if not arguments.extras:
-            return config, NoViewer(), Live()
+            return NoViewer()
         name = next(iter(arguments.extras))
         raise UserError(
             f"--{name} with {opened.scenes[0]}: its picture needs no eyes, so none are tracked",
             "use `lfpipe up --no-picture` to track without a scene",
         )
-    viewer = watching(_viewer(arguments, request), needs_eyes)
-    clock: Clock = Live()
+    return watching(_viewer(arguments, request), needs_eyes)
+
+
+def _completed(config: Config, viewer: Viewer) -> Config:
+    """The configuration with what is known of the camera, and with an engine that this machine has.
+    Raises UserError.
+    """
     if viewer.source and isinstance(viewer, CameraViewer | RecordedEyes):
         config = with_measured_focal(config, camera_name(viewer.source))
-        clock = clock_of(viewer.source)
-    return (with_engine(config) if viewer.tracked else config), viewer, clock
+    return with_engine(config) if viewer.tracked else config
 
 
 def _is_first_start(arguments: UpArguments, display: Target) -> bool:

@@ -439,7 +439,7 @@ def start_trace(out: Path | None, session_name: str) -> None:
     """
     from lfpipe.monitor.monitor import begin_trace
 
-    path = begin_trace(partial(ask, session_name), out)
+    path = begin_trace(session_name, out)
     print_result(f"tracing to {path}; end it with `lfpipe trace stop`")
 
 
@@ -449,7 +449,7 @@ def stop_trace(session_name: str) -> None:
     """End the trace."""
     from lfpipe.monitor.monitor import finish_trace
 
-    path = finish_trace(partial(ask, session_name))
+    path = finish_trace(session_name)
     print_result(f"{path}: convert it to a timeline with `lfpipe trace timeline {path}`")
 
 

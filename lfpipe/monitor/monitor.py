@@ -12,10 +12,9 @@ import os
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from datetime import timedelta
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,13 +31,11 @@ from lfpipe.notices import latency_lines
 from lfpipe.supervisor.metrics import MotionToPhoton, SessionMetrics, StageMetrics
 from lfpipe.supervisor.process_table import CORE, SOURCE
 from lfpipe.supervisor.rundir import ask, find
-from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S, Message
+from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S
 from lfpipe.transport.status import Value, quantiles
 
 TRACKS = (*CORE, "display")
 PID = 1
-# sends the session a command, perhaps with timeout_s; returns its answer
-Ask = Callable[..., Message]
 
 
 def events(trace: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
@@ -104,21 +101,21 @@ def convert(source: Path, out: Path, overwrite: bool = False) -> None:
         raise UserError(f"{out}: {reason(error)}", PLACE) from None
 
 
-def begin_trace(ask: Ask, out: Path | None) -> Path:
-    """Starts a trace of a running session, in a new file in this folder if out is None.
+def begin_trace(name: str, out: Path | None) -> Path:
+    """Starts a trace of the session of that name, in a new file in this folder if out is None.
 
     Returns its path. Raises UserError.
     """
     out = (out or Path(time.strftime("lfpipe-%Y%m%d-%H%M%S.jsonl"))).absolute()
-    ask({"cmd": "trace", "path": str(out)}, FILE_CHECK_TIMEOUT_S)
+    ask(name, {"cmd": "trace", "path": str(out)}, FILE_CHECK_TIMEOUT_S)
     return out
 
 
-def finish_trace(ask: Ask) -> Path:
+def finish_trace(name: str) -> Path:
     """Ends the trace that `begin_trace` started. Returns its path. Raises UserError if none
     runs.
     """
-    return Path(ask({"cmd": "trace", "path": ""})["path"])
+    return Path(ask(name, {"cmd": "trace", "path": ""})["path"])
 
 
 STATE_STYLE = {"RUNNING": "green", "STARTING": "yellow", "STOPPING": "yellow", "DEAD": "bold red"}
@@ -278,9 +275,9 @@ def press(name: str, key: str) -> str:
         return ""
     settings = snapshot(name)
     if key == "t" and settings.options.trace:
-        return f"trace: {finish_trace(partial(ask, name))}"
+        return f"trace: {finish_trace(name)}"
     if key == "t":
-        begin_trace(partial(ask, name), None)
+        begin_trace(name, None)
         return "tracing: t ends it"
     words = {"p": "resume" if settings.paused else "pause", "c": "recentre"}
     ask(name, {"cmd": words[key]})

@@ -174,11 +174,6 @@ def create(path: Path, spec: RingSpec) -> Segment:
     description = json.dumps(
         {"shape": spec.shape, "dtype": np.lib.format.dtype_to_descr(spec.dtype)}
     ).encode()
-    if spec.slots < 3 or DESCRIPTION + len(description) > PAGE:
-        raise ValueError(
-            f"ring {path.name}: {spec.slots} slots (3 or more), {len(description)} bytes of"
-            " description (a page or less)"
-        )
     fence()  # fails on a machine without fences here, before the first process starts
     memory = create_segment(path, spec.size_bytes)
     buffer = memory.buf

@@ -181,20 +181,14 @@ class Metric:
 
 
 class MetricSet:
-    """The metrics of one stage, in the order of their declaration. Raises ValueError if they do not
-    fit the row or share a name.
+    """The metrics of one stage, in the order of their declaration: at most MAX_VALUES and
+    MAX_HISTOGRAMS, of different names.
     """
 
     def __init__(self, *metrics: Metric) -> None:
         self.histograms = tuple(one for one in metrics if one.kind is Kind.HISTOGRAM)
         self.values = tuple(one for one in metrics if one.kind is not Kind.HISTOGRAM)
         self._metrics = metrics
-        if len(self.values) > MAX_VALUES or len(self.histograms) > MAX_HISTOGRAMS:
-            raise ValueError(
-                f"a stage has at most {MAX_VALUES} values, {MAX_HISTOGRAMS} histograms"
-            )
-        if len({one.name for one in metrics}) < len(metrics):
-            raise ValueError("two metrics of a stage have the same name")
 
     def __iter__(self) -> Iterator[Metric]:
         return iter(self._metrics)
@@ -307,24 +301,20 @@ def create(path: Path, stages: Mapping[str, MetricSet]) -> Segment:
 
 
 class Table:
-    """An attached table.
+    """An attached table. rows: name of a stage -> its record of dtype ROW, shape (). metrics: name
+    of a stage -> the metrics that it declares. session: a record of dtype SESSION, shape ().
 
     Raises FileNotFoundError if the segment does not exist, WrongSegment if it has other contents.
     """
-
-    rows: dict[str, NDArray[np.void]]
-    """Name of a stage -> its record of dtype ROW, shape ()."""
-    metrics: dict[str, MetricSet]
-    """Name of a stage -> the metrics that it declares."""
-    session: NDArray[np.void]
-    """A record of dtype SESSION, shape ()."""
 
     def __init__(self, path: Path, writable: bool = False) -> None:
         self._memory = Segment(path)
         self._memory.check(MAGIC + LAYOUT.to_bytes(8, "little"), "status table", SIZE_BYTES)
         buffer = self._memory.buf if writable else self._memory.buf.toreadonly()
         table: NDArray[np.void] = np.frombuffer(buffer, ROW, PAGE_ROWS, ROWS_AT)
-        self.session = np.frombuffer(buffer, SESSION, 1, ROWS_AT + table.nbytes).reshape(())
+        self.session: NDArray[np.void] = np.frombuffer(
+            buffer, SESSION, 1, ROWS_AT + table.nbytes
+        ).reshape(())
         self.rows = {
             bytes(table[i]["name"]).decode(): table[i : i + 1].reshape(())
             for i in range(PAGE_ROWS)

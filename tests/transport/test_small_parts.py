@@ -15,7 +15,6 @@ from lfpipe.supervisor.process_table import STAGES
 from lfpipe.transport import control, status
 from lfpipe.transport.ring import Ticker
 from lfpipe.transport.status import (
-    MAX_HISTOGRAMS,
     MAX_VALUES,
     NO_METRICS,
     ROW,
@@ -120,21 +119,6 @@ def test_status_row_is_seen_by_another_attachment(tmp_path: Path) -> None:
     del seen
     watch.close()
     memory.remove()
-
-
-@pytest.mark.parametrize(
-    "metrics",
-    [
-        [Metric(f"m{at}", Kind.COUNT, "") for at in range(MAX_VALUES + 1)],
-        [Metric(f"m{at}", Kind.HISTOGRAM, "") for at in range(MAX_HISTOGRAMS + 1)],
-        [Metric("m", Kind.COUNT, ""), Metric("m", Kind.HISTOGRAM, "")],
-    ],
-)
-def test_metric_set_refuses_what_does_not_fit_a_row(metrics: list[Metric]) -> None:
-    with pytest.raises(ValueError, match="a stage"):
-        MetricSet(*metrics)
-    full = MetricSet(*metrics[:1])
-    assert [one.name for one in full] == [metrics[0].name]
 
 
 def test_status_table_refuses_what_does_not_fit(tmp_path: Path) -> None:
