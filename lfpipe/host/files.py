@@ -174,11 +174,8 @@ class Lock:
             return True
 
     def release(self) -> None:
-        """Releases the lock; may be called again."""
-        fd = self._fd
-        self._fd = -1
-        if fd >= 0:
-            os.close(fd)
+        """Releases the lock."""
+        os.close(self._fd)
 
 
 def lock_file(path: Path) -> Lock | None:

@@ -264,34 +264,17 @@ WANTED, SHOWN = "wanted", "shown"  # scenes: of a request, and on the screen
 Send = Callable[[Message], None]  # to the stage that shows pictures
 
 
+@attrs.define(eq=False)
 class Load:
-    """A running packer, and its last reported progress. request: for the scene; None for the scene
-    on the screen.
-    """
+    """A running packer, and its last reported progress."""
 
-    def __init__(self, packing: Packing, send: Send, request: Request | None = None) -> None:
-        self.packing = packing
-        self.request = request
-        self._send = send
-        self._reported = ""
-        self._report_ns = 0
-
-    def report(self, end: bool = False) -> None:
-        """Sends the step of the packer if it is new; at the end, sends "" immediately."""
-        step = "" if end else self.packing.step
-        if step == self._reported or not (end or now_ns() >= self._report_ns + STEP_NS):
-            return
-        self._reported = step
-        self._report_ns = now_ns()
-        self._send(
-            {
-                "cmd": "loading",
-                "scene": (self.packing.scenes or [self.packing.subject])[0],
-                "step": step,
-                "share": 1.0 if end else self.packing.share,
-                "shown": self.request is None,
-            }
-        )
+    packing: Packing
+    request: Request | None = None
+    """For the scene; None for the scene on the screen."""
+    reported: str = ""
+    """The step of the packer."""
+    report_ns: int = 0
+    """When it was reported."""
 
     def outcome(self) -> SceneSummary | Exception | None:
         """The scene once it is ready to be shown, or the error."""
@@ -313,13 +296,13 @@ class SceneLoads:
     def __init__(self, send: Send, packing: Packing | None = None) -> None:
         """packing: the packer of the session's first scene, while it works."""
         self._send = send
-        self._loads = {} if packing is None else {SHOWN: Load(packing, send)}
+        self._loads = {} if packing is None else {SHOWN: Load(packing)}
 
     def want(self, request: Request, scene: PackerRequest) -> Request | None:
         """Starts to load a scene; returns the request that it replaces, if any. Raises UserError if
         no packer can be started; the one that runs then goes on.
         """
-        load = Load(Packing(scene), self._send, request)
+        load = Load(Packing(scene), request)
         replaced = self._loads.get(WANTED)
         self._end(WANTED)
         self._loads[WANTED] = load
@@ -334,11 +317,10 @@ class SceneLoads:
         """Reads the packers' output; returns the loads with an outcome, and that."""
         events = []
         for name in (WANTED, SHOWN):
-            load = self._loads.get(name)
-            if load is None:
+            if (load := self._loads.get(name)) is None:
                 continue
             load.packing.read()
-            load.report()
+            self._report(load)
             scene = load.outcome()
             if scene is None:
                 continue
@@ -346,16 +328,33 @@ class SceneLoads:
             if isinstance(scene, SceneSummary):
                 self._end(SHOWN)
             if scene is load.packing.views:  # the packer continues with its disparity
-                load.report(end=True)
-                self._loads = {SHOWN: Load(load.packing, self._send)}
+                self._report(load, end=True)
+                self._loads = {SHOWN: Load(load.packing)}
             else:
                 self._end(name)
         return events
 
+    def _report(self, load: Load, end: bool = False) -> None:
+        """Sends the step of a packer if it is new; at the end, sends "" immediately."""
+        step = "" if end else load.packing.step
+        if step == load.reported or not (end or now_ns() >= load.report_ns + STEP_NS):
+            return
+        load.reported = step
+        load.report_ns = now_ns()
+        self._send(
+            {
+                "cmd": "loading",
+                "scene": (load.packing.scenes or [load.packing.subject])[0],
+                "step": step,
+                "share": 1.0 if end else load.packing.share,
+                "shown": load.request is None,
+            }
+        )
+
     def _end(self, name: str) -> None:
         """Ends a packer. If its pack is incomplete, the next opening completes it."""
         if load := self._loads.pop(name, None):
-            load.report(end=True)
+            self._report(load, end=True)
             load.packing.close()
 
     def close(self) -> None:

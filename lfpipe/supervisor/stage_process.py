@@ -98,8 +98,7 @@ class StageProcess:
 
     def reap(self) -> int | None:
         """Exit code when the process has ended since the last call, else None."""
-        code = None if self.process is None else self.process.poll()
-        if self.process is None or code is None:
+        if self.process is None or (code := self.process.poll()) is None:
             return None
         self.process.close()
         self.process = None
