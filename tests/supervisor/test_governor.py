@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from functools import cache, partial
 
-import attrs
 import numpy as np
 import pytest
 from hypothesis import given
@@ -299,20 +298,6 @@ def test_quality_control_detects_visible_lag(clock: str, stage: str, lost: str, 
     session = Session(Config(render=Render(clock=clock)))  # type: ignore[arg-type]
     session.work(1.0, stage, lost)
     assert (session.state.level.number >= 1) == lags
-
-
-def test_quality_control_begins_another_scene_at_full_quality() -> None:
-    session = Session()
-    session.work(0.9, "render", "missed")
-    assert session.state.level.number == 1
-    config = session.state.config
-    session.state = session.state.changed(
-        attrs.evolve(config, render=attrs.evolve(config.render, alpha_px=12.0)), trace="/t"
-    )
-    session.work(0.1, "", "")
-    assert session.state.level.number == 1
-    flat = attrs.evolve(SCENE, pack="/flat", method="nearest", has_disparity=False)
-    assert session.state.loaded(flat).level.number == 0
 
 
 def test_quality_control_judges_nothing_while_a_stage_starts() -> None:

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
 
-import attrs
 import pytest
 import zmq
 
@@ -81,16 +80,6 @@ def test_scene_loads_make_a_scene_ready_then_complete(
     assert isinstance(last, SceneSummary) and last.complete
     steps = [message["step"] for message in news]
     assert all(message["cmd"] == "loading" for message in news) and steps[-1] == ""
-
-
-def test_scene_loads_open_a_folder_of_scenes_at_its_first(
-    loads: SceneLoads, settings: Scene, tmp_path: Path
-) -> None:
-    scenes = [write_scene(tmp_path / "scenes" / name, 2, 2) for name in ("amber", "birch")]
-    loads.want(CLIENT, attrs.evolve(wanted(tmp_path / "scenes", settings), expand=True))
-    load, first = events(loads)[0]
-    assert load.packing.scenes == list(map(str, scenes))
-    assert isinstance(first, SceneSummary) and first.name == "amber"
 
 
 def test_scene_loads_replace_the_first_request(
