@@ -85,7 +85,7 @@ class LiveScene(Closing):
         in_use = UserError(
             f"live scene {name!r} is in use", "end the other program, or use another name"
         )
-        lock = rundir.take(directory_of(name), in_use)
+        lock = rundir.acquire_directory(directory_of(name), in_use)
         self._parts.callback(rundir.remove, directory_of(name), lock)
         try:
             spec = RingSpec((), scene_dtype(rows, cols, size_px), SLOTS)

@@ -97,16 +97,16 @@ class ControlSockets:
         """Waits for a message; returns whether one has arrived."""
         return bool(zmq.select(self.fds, [], [], milliseconds / 1e3)[0])
 
-    def arrived(self) -> Iterator[Request | Message]:
+    def messages(self) -> Iterator[Request | Message]:
         """Yields the requests and the valid telemetry that have arrived, at most MOST of each, and
         passes the telemetry on to tap.
         """
-        for client, *parts in _received(self._ctl):
+        for client, *parts in _receive(self._ctl):
             yield Request(client, parts)
-        for data, *more in _received(self._bus):
+        for data, *others in _receive(self._bus):
             with contextlib.suppress(BadMessage):
                 message = control.decode(data)
-                if not more:
+                if not others:
                     self._tap.send(data)
                     yield message
 
@@ -135,7 +135,7 @@ class ControlSockets:
         self._ctl.send_multipart([client, data])
 
 
-def _received(socket: zmq.Socket[bytes]) -> Iterator[list[bytes]]:
+def _receive(socket: zmq.Socket[bytes]) -> Iterator[list[bytes]]:
     """The parts of each message that has arrived, of at most MOST."""
     with contextlib.suppress(zmq.Again):
         for _ in range(MOST):

@@ -238,13 +238,13 @@ class Load:
     """Busy time."""
     span_s: float = 0.0
 
-    def plus(self, more: "Load") -> "Load":
+    def plus(self, other: "Load") -> "Load":
         """The work of both spans."""
         return Load(
-            self.done + more.done,
-            self.missed + more.missed,
-            self.busy_ns + more.busy_ns,
-            self.span_s + more.span_s,
+            self.done + other.done,
+            self.missed + other.missed,
+            self.busy_ns + other.busy_ns,
+            self.span_s + other.span_s,
         )
 
     @property
@@ -289,7 +289,7 @@ class _Stage:
     lagging: Load = Load()
     """Its work during the lag."""
 
-    def take(self, sample: Load) -> bool | None:
+    def add(self, sample: Load) -> bool | None:
         """Adds a sample; returns whether there was headroom, None if unknown."""
         load = self.silent.plus(sample)
         due = load.done + load.missed
@@ -333,7 +333,7 @@ class Governor:
             self._forget()
             return None
         headrooms = [
-            self._stages.setdefault(name, _Stage()).take(attrs.evolve(load, span_s=dt_s))
+            self._stages.setdefault(name, _Stage()).add(attrs.evolve(load, span_s=dt_s))
             for name, load in loads.items()
         ]
         if False in headrooms:
@@ -406,12 +406,12 @@ class QualityControl:
         if len(self._levels) == 1 or t_ns < self._due_ns:
             return None
         self._due_ns = t_ns + SAMPLE_NS
-        used = {
+        active = {
             name: rows[name]
             for name in CORE
             if rows[name]["state"] not in (State.NONE, State.FINISHED)
         }
-        if any(row["state"] != State.RUNNING for row in used.values()):
+        if any(row["state"] != State.RUNNING for row in active.values()):
             self._settled_ns = t_ns + SETTLE_NS
         if t_ns < self._settled_ns:  # for the governor, a gap
             self._before.clear()
@@ -422,7 +422,7 @@ class QualityControl:
         late = {SHOWN_BY: "drops" if on_camera else "missed"}
         counts = {
             name: (int(row["seq"]), int(row[late.get(name, "drops")]), int(row["busy_ns"]))
-            for name, row in used.items()
+            for name, row in active.items()
         }
         before = self._before
         self._before = counts

@@ -112,8 +112,8 @@ LASTING = ("frames", "eyes", *ON_DEMAND)
 
 def asked_for(options: SessionOptions) -> tuple[str, ...]:
     """The rings of ON_DEMAND that a session with these options needs."""
-    wanted = {ring for stage in STAGES if stage.needed(options) for ring in stage.asks_for(options)}
-    return tuple(sorted(wanted))
+    rings = {ring for stage in STAGES if stage.needed(options) for ring in stage.asks_for(options)}
+    return tuple(sorted(rings))
 
 
 def picture_ring(height_px: int, width_px: int) -> RingSpec:

@@ -39,10 +39,10 @@ from lfpipe.transport.control import BadMessage, Message
 from lfpipe.transport.ring import SECOND_NS
 
 # outputs that can start and stop while a session runs:
-# request -> the option with its path, its name, the command line
+# request, and option with its path -> its name, the command line
 OUTPUTS = {
-    "trace": ("trace", "trace", "lfpipe trace"),
-    "record": ("record", "recording", "lfpipe ctl record"),
+    "trace": ("trace", "lfpipe trace"),
+    "record": ("recording", "lfpipe ctl record"),
 }
 # requests that only the stage that shows pictures may send
 OF_THE_WINDOW = ("keep", "costs")
@@ -131,29 +131,33 @@ def _pictures(state: SessionState, message: Message, t_ns: int) -> Reply:
 
 
 def _load(state: SessionState, message: Message, _t_ns: int) -> Reply:
-    at = _place(state, message)
+    index = _playlist_index(state, message)
     playlist = state.options.playlist
-    scene = message.get("scene") if at is None or "scene" in message else playlist[at]
-    if not isinstance(scene, str) or not _absolute(scene):
+    scene = message.get("scene") if index is None or "scene" in message else playlist[index]
+    if not isinstance(scene, str) or not _is_absolute(scene):
         raise BadMessage(
             "load needs the absolute path of a scene, or an index `at` or a `step` in the playlist"
         )
     if not state.options.show:
         raise UserError("the session shows no pictures", "start one that does: `lfpipe up SCENE`")
     scenes = [scene]
-    if at is not None and (step := message.get("step")):  # on to the next one that can be opened
-        order = playlist[at:] + playlist[:at] if step > 0 else playlist[at::-1] + playlist[:at:-1]
+    if index is not None and (step := message.get("step")):  # on to the next one that can be opened
+        order = (
+            playlist[index:] + playlist[:index]
+            if step > 0
+            else playlist[index::-1] + playlist[:index:-1]
+        )
         scenes = [path for path in order if path not in state.options.unusable] or [scene]
     how = {f"scene.{key}": message[key] for key in ("layout", "grid") if key in message}
     settings = config_module.updated(state.config, how).scene
     return Reply(
         load=PackerRequest(
-            scenes=scenes, settings=settings, expand=at is None, remember=True, scorer=SCORER
+            scenes=scenes, settings=settings, expand=index is None, remember=True, scorer=SCORER
         )
     )
 
 
-def _place(state: SessionState, message: Message) -> int | None:
+def _playlist_index(state: SessionState, message: Message) -> int | None:
     """The playlist index of the scene that `load` requests: by path, `at` an index, or a `step`
     from the one shown; None if it is not in the playlist.
     """
@@ -161,9 +165,9 @@ def _place(state: SessionState, message: Message) -> int | None:
     scene = message.get("scene")
     if scene is not None:
         return scenes.index(scene) if scene in scenes else None
-    at, step = message.get("at"), message.get("step")
-    number = at if step is None else step
-    if isinstance(number, bool) or not isinstance(number, int) or (at is None) == (step is None):
+    index, step = message.get("at"), message.get("step")
+    number = index if step is None else step
+    if isinstance(number, bool) or not isinstance(number, int) or (index is None) == (step is None):
         return None
     if not scenes:
         raise UserError(
@@ -181,14 +185,14 @@ def _output(state: SessionState, message: Message, _t_ns: int) -> Reply:
     """Starts writing the file or folder `path`; an empty path ends the current one."""
     command = message["cmd"]
     path = message.get("path")
-    option, what, typed = OUTPUTS[command]
-    running = getattr(state.options, option)
-    if not isinstance(path, str) or not (_absolute(path) or not path):
+    noun, words = OUTPUTS[command]
+    running = getattr(state.options, command)
+    if not isinstance(path, str) or not (_is_absolute(path) or not path):
         raise BadMessage(f"{command} needs an absolute path, or an empty one to stop")
     if path and running:
-        raise UserError(f"a {what} to {running} is already running", f"end it with `{typed} stop`")
+        raise UserError(f"a {noun} to {running} is already running", f"end it with `{words} stop`")
     if not path and not running:
-        raise UserError(f"no {what} is running", f"start one with `{typed} start OUT`")
+        raise UserError(f"no {noun} is running", f"start one with `{words} start OUT`")
     if command == "record":
         return _record(state, path)
     if path:
@@ -248,13 +252,13 @@ def _viewer(state: SessionState, message: Message, _t_ns: int) -> Reply:
         return Reply(answer={"source": source})  # no stage would start for it
     if source != MouseViewer.source:
         new = state.changed(viewer=CameraViewer(source=source))
-        return Reply(state=new, executed_by=(SOURCE,), then=partial(_found, source))
+        return Reply(state=new, executed_by=(SOURCE,), then=partial(_use_source, source))
     if options.lock_code:
         raise UserError("this session has no mouse", "choose a camera, or demo")
     return Reply(answer={"source": source}, state=state.changed(viewer=MouseViewer()))
 
 
-def _found(source: str, state: SessionState, answers: Mapping[str, Message]) -> Reply:
+def _use_source(source: str, state: SessionState, answers: Mapping[str, Message]) -> Reply:
     """The reply once a source works, with what it is."""
     if state.options.viewer.source != source:
         raise UserError("another viewer was chosen meanwhile", "choose again")
@@ -350,13 +354,13 @@ def _is_positive(value: Any) -> bool:
 
 def _look(state: SessionState, message: Message, _t_ns: int) -> Reply:
     """Moves the mouse that is the viewer to `x`, `y`, shares of the picture."""
-    place = {axis: message.get(axis) for axis in ("x", "y")}
-    for axis, share in place.items():
+    position = {axis: message.get(axis) for axis in ("x", "y")}
+    for axis, share in position.items():
         if isinstance(share, bool) or not isinstance(share, int | float) or not 0 <= share <= 1:
             raise BadMessage(f"look: {axis} {share!r:.100} is not a share from 0 to 1")
     if not isinstance(state.options.viewer, MouseViewer):
         raise UserError("the viewer is not the mouse", "exchange it: `lfpipe ctl viewer mouse`")
-    return Reply(executed_by=(SHOWN_BY,), payload=place)
+    return Reply(executed_by=(SHOWN_BY,), payload=position)
 
 
 def _action(state: SessionState, message: Message, _t_ns: int) -> Reply:
@@ -378,7 +382,7 @@ def _action(state: SessionState, message: Message, _t_ns: int) -> Reply:
     return Reply(executed_by=(SHOWN_BY,), payload=sent)
 
 
-def _absolute(path: str) -> bool:
+def _is_absolute(path: str) -> bool:
     """Whether a path means the same for the supervisor as for its sender."""
     return path.startswith("/") and "\0" not in path
 

@@ -49,7 +49,7 @@ def _make_directory(path: Path) -> None:
         ) from None
 
 
-def take_lock(path: Path, make: bool = False) -> Lock | None:
+def try_lock(path: Path, make: bool = False) -> Lock | None:
     """Locks the file at path, created if missing; None if another process holds it.
 
     make: also creates its directory. Otherwise None if that is missing. Raises OSError, and
@@ -116,15 +116,15 @@ def acquire(session: Session) -> Lock:
     option = "" if session.name == "default" else f" --session {session.name}"
     remedy = f"use another --session NAME, or end it: `lfpipe ctl{option} stop`"
     running = UserError(f"session {session.name!r} is already running", remedy)
-    return take(session.run_dir, running)
+    return acquire_directory(session.run_dir, running)
 
 
-def take(path: Path, in_use: UserError) -> Lock:
+def acquire_directory(path: Path, in_use: UserError) -> Lock:
     """Takes the directory at path for this process, as `acquire`. Raises in_use if another process
     owns it.
     """
     for _ in range(ATTEMPTS):
-        if (lock := take_lock(path / "lock", make=True)) is not None:
+        if (lock := try_lock(path / "lock", make=True)) is not None:
             break
         time.sleep(PAUSE_S)
     else:
@@ -175,13 +175,13 @@ def sweep() -> list[str]:
     """Removes leftovers of this user's dead sessions, and returns their names. Skips files that
     cannot be removed.
     """
-    swept = []
+    names = []
     for name, path in _directories():
         with contextlib.suppress(OSError):
-            if (lock := take_lock(path / "lock")) is not None:
+            if (lock := try_lock(path / "lock")) is not None:
                 remove(path, lock)
-                swept.append(name or path.name)
-    return swept
+                names.append(name or path.name)
+    return names
 
 
 def sweep_own(run_dir: Path) -> None:
@@ -189,7 +189,7 @@ def sweep_own(run_dir: Path) -> None:
     comes while another one sweeps tries again.
     """
     for _ in range(ATTEMPTS):
-        if (lock := take_lock(run_dir / "lock")) is not None:
+        if (lock := try_lock(run_dir / "lock")) is not None:
             remove(run_dir, lock)
         if is_missing(run_dir):
             return
@@ -208,9 +208,9 @@ def running() -> list[str]:
 def find(name: str) -> Session:
     """The running session of that name. Raises UserError with the names of running ones."""
     session = Session(name)
-    living = running()
-    if name not in living:
-        others = ", ".join(living)
+    names = running()
+    if name not in names:
+        others = ", ".join(names)
         raise UserError(
             f"no session {name!r} is running",
             f"use one that is running: {others}" if others else "start one: `lfpipe up --demo`",

@@ -125,7 +125,7 @@ class LiveSession:
         self._quality = QualityControl(self._cpus)
         self._reduced = False  # whether the user knows
         self._faults: list[Fault] = []  # the last ones
-        self._ended: deque[tuple[StageProcess, int]] = deque()  # failed, not handled yet
+        self._failures: deque[tuple[StageProcess, int]] = deque()  # failed, not handled yet
         self._active_ns = 0  # when somebody looked
         self._end_ns: int | None = None  # of the duration, once all stages are ready
         self._outcome: Outcome | None = None
@@ -158,9 +158,9 @@ class LiveSession:
         self._watch_faults()
         self._adapt_quality()
         self._watch_idle()
-        for messages in (self._take_messages, self._take_scenes):
+        for receive in (self._receive_messages, self._receive_scenes):
             try:
-                messages()
+                receive()
             except Exception as error:  # their content comes from outside
                 self.refusal(error)
         self._deliver()
@@ -173,7 +173,7 @@ class LiveSession:
             for fd in part.fds:
                 poller.register(fd, zmq.POLLIN)
         waits_ns = [IDLE_BEAT_NS if self.state.idle else BEAT_NS]  # as the stages
-        if self._ended:
+        if self._failures:
             waits_ns.append(0)
         if self._pending:
             waits_ns.append(PENDING_NS)
@@ -190,7 +190,7 @@ class LiveSession:
             outcome = self._with_failure(outcome)
         end_ns = now_ns() + SECOND_NS
         while self._sockets.wait(LAST_MS) and now_ns() < end_ns:  # the last ones of the stages
-            self._take_messages()
+            self._receive_messages()
         self._deliver()
         return attrs.evolve(outcome, final=final)
 
@@ -202,11 +202,11 @@ class LiveSession:
 
     def _handle_failures(self) -> None:
         """Handles a failed stage by a rollback, a restart, or the end of the session."""
-        self._ended.extend(self.stages.check())
-        if not self._ended:
+        self._failures.extend(self.stages.check())
+        if not self._failures:
             return
         # one at a time: the next one may fail on another state
-        process, code = self._ended.popleft()
+        process, code = self._failures.popleft()
         name = process.stage.name
         row = process.row
         state = self.state
@@ -234,10 +234,10 @@ class LiveSession:
             return
         stack = process.last_stack()
         many = f"{name} failed {MAX_FAILURES} times in {MAX_RESTARTS_WINDOW_S:.0f} s"
-        left = f"its last stack:\n{stack}" if stack else "it left no stack"
+        ending = f"its last stack:\n{stack}" if stack else "it left no stack"
         self._end(
             many,
-            failure=f"{many}, last in {phase} with {how}{why}, after source_seq {last}; {left}",
+            failure=f"{many}, last in {phase} with {how}{why}, after source_seq {last}; {ending}",
             remedy="see the messages above; `lfpipe doctor` checks the machine",
         )
 
@@ -257,8 +257,8 @@ class LiveSession:
     def _confirm_change(self) -> None:
         """Marks the newest change as known to work once every stage works with it."""
         state = self.state
-        needed = self.stages.needed(state.options)
-        outputs = {process.stage.name: int(process.row["seq"]) for process in needed}
+        processes = self.stages.needed(state.options)
+        outputs = {process.stage.name: int(process.row["seq"]) for process in processes}
         applied = self.stages.have_applied(state.rev, state.options)
         if self._trial.watch(state, applied, outputs, now_ns()):
             self._apply(state.settled())
@@ -281,11 +281,11 @@ class LiveSession:
 
     def _watch_faults(self) -> None:
         """Notifies of new faulty parts of stages."""
-        known = {fault.text for fault in self._faults}
+        texts = {fault.text for fault in self._faults}
         broken = list(faults(self._table.rows, now_ns()))
         self._faults = broken or self._faults
         for fault in broken:
-            if fault.text not in known:
+            if fault.text not in texts:
                 self.notify(fault.text)
 
     def _adapt_quality(self) -> None:
@@ -345,8 +345,8 @@ class LiveSession:
         if duration_s is None:
             return
         t_ns = now_ns()
-        needed = self.stages.needed(self.state.options)
-        if self._end_ns is None and all(process.row["ready_ns"] for process in needed):
+        processes = self.stages.needed(self.state.options)
+        if self._end_ns is None and all(process.row["ready_ns"] for process in processes):
             self._end_ns = t_ns + int(duration_s * SECOND_NS)
         if self._end_ns is not None and t_ns >= self._end_ns:
             self._end("finished (--duration reached)")
@@ -382,13 +382,13 @@ class LiveSession:
 
     # requests and telemetry
 
-    def _take_messages(self) -> None:
+    def _receive_messages(self) -> None:
         """Handles the requests and telemetry that have arrived."""
-        for arrived in self._sockets.arrived():
-            if isinstance(arrived, Request):
-                self._respond(arrived, partial(self._reply, arrived))
-            elif arrived.get("topic") in (*SHOWN_TOPICS, *LOGGED_TOPICS):
-                self._show(arrived)
+        for message in self._sockets.messages():
+            if isinstance(message, Request):
+                self._respond(message, partial(self._reply, message))
+            elif message.get("topic") in (*SHOWN_TOPICS, *LOGGED_TOPICS):
+                self._show(message)
 
     def _show(self, message: Message) -> None:
         """Shows the user telemetry for people, or logs it."""
@@ -412,8 +412,8 @@ class LiveSession:
     def _respond(self, request: Request, reply: Callable[[], Reply | None]) -> None:
         """Executes the reply to a request, if it has one; any error becomes the answer."""
         try:
-            if made := reply():
-                self._execute(request, made)
+            if result := reply():
+                self._execute(request, result)
         except Exception as error:
             answer = self.refusal(error)
             if request.sender in NAMES:  # nobody reads a stage's answers
@@ -466,7 +466,7 @@ class LiveSession:
             closed = request.sender == SHOWN_BY
             self._end("the window was closed" if closed else "stopped by command")
 
-    def _take_scenes(self) -> None:
+    def _receive_scenes(self) -> None:
         """Shows scenes that are packed now."""
         for load, scene in self._loads.events():
             if load.request is not None:
@@ -478,10 +478,10 @@ class LiveSession:
                 self._apply(on_complete(self.state, scene))
 
     def _loaded(self, message: Message, packing: Packing, scene: SceneSummary | Exception) -> Reply:
-        known = self.state.options.unusable
+        unusable = self.state.options.unusable
         if isinstance(scene, Exception):
             self._apply(self.state.changed().without(packing.unusable))
-            if "step" in message and not packing.unusable.keys() <= known.keys():
+            if "step" in message and not packing.unusable.keys() <= unusable.keys():
                 return respond(self.state, message, now_ns())
             raise scene
         reply = on_load(self.state, scene, packing.scenes, packing.unusable)
@@ -489,7 +489,7 @@ class LiveSession:
 
     def _deliver(self) -> None:
         """Sends a new state to the stages, and the answers that waited for them."""
-        if new_state := self._store.take_message():
+        if new_state := self._store.next_message():
             for stage in NAMES:
                 self._sockets.send_encoded(stage.encode(), new_state)
 
@@ -588,27 +588,27 @@ def run_session(
     Raises UserError before any process starts if the session is impossible: its name is in use,
     /dev/shm is too small, a stage is configured for a missing core, ...
     """
-    arrived: list[int] = []
+    signums: list[int] = []
     live: LiveSession | None = None
 
-    def take_signal(signum: int, _frame: FrameType | None) -> None:
-        again = signum in arrived and signum not in signals.SENT_TWICE
-        arrived.append(signum)
+    def on_signal(signum: int, _frame: FrameType | None) -> None:
+        again = signum in signums and signum not in signals.SENT_TWICE
+        signums.append(signum)
         if again and live is not None:  # the second Ctrl-C ends at once
             live.stages.kill()
 
     with _acquired(session) as lock:
         try:
             log = session_log.kept_in(session.run_dir)
-            signalled = signals.handled(take_signal)
+            signalled = signals.handled(on_signal)
             with signalled, log:
                 with rundir.filled(session):
-                    if swept := rundir.sweep():
-                        logger.info("removed what dead sessions left: %s", ", ".join(swept))
+                    if names := rundir.sweep():
+                        logger.info("removed what dead sessions left: %s", ", ".join(names))
                     state = SessionState.first(config, options)
                     live = LiveSession(session, state, notify, packing)
                 with closing(live):
-                    outcome = live.loop(duration_s, arrived, lock)
+                    outcome = live.loop(duration_s, signums, lock)
                 what = outcome.failure or "no failure"
                 logger.info("session %s: %s; %s", session.name, outcome.reason, what)
         finally:

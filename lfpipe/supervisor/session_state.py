@@ -177,8 +177,8 @@ class SessionState:
 
     def without(self, unusable: Mapping[str, str], but: str = "") -> SessionState:
         """With scenes that cannot be opened, and why; but: one that can. Same revision."""
-        known = {**self.options.unusable, **unusable}
-        return self._with(unusable={path: why for path, why in known.items() if path != but})
+        reasons = {**self.options.unusable, **unusable}
+        return self._with(unusable={path: why for path, why in reasons.items() if path != but})
 
     def with_level(self, number: int) -> SessionState:
         """At another level of quality."""
@@ -220,8 +220,8 @@ class SessionState:
 
     def _with_rings(self) -> SessionState:
         """With the rings that stages request."""
-        wanted = asked_for(self.options)
-        return self if wanted == self.options.asked_for else self._with(asked_for=wanted)
+        rings = asked_for(self.options)
+        return self if rings == self.options.asked_for else self._with(asked_for=rings)
 
 
 class Trial:
@@ -284,7 +284,7 @@ class SessionStore:
             undo.callback(self._keep, ())
             undo.callback(self._pack.close)
             self._hold(state.options.pack)
-            self._make(self._needed(state))
+            self._make(self._specs(state))
             for name, readers in consumers().items():
                 for reader in readers:
                     make_fifo(session.wake(name, reader))
@@ -293,22 +293,22 @@ class SessionStore:
             self._memory = undo.pop_all()
 
     def apply(self, state: SessionState) -> None:
-        """Stores a state; `take_message` returns a new revision for the stages.
+        """Stores a state; `next_message` returns a new revision for the stages.
 
         Raises UserError if memory is short, BadMessage if the stages could not read it; then
         nothing has changed.
         """
         message = control.encode(state.message()) if state.rev != self.state.rev else self._unsent
-        needed = self._needed(state)
-        self._make(needed)
+        specs = self._specs(state)
+        self._make(specs)
         if state.options.pack != self.state.options.pack:
             self._hold(state.options.pack)
         self.state = state
         self._unsent = message
-        self._keep({*needed, *LASTING})
+        self._keep({*specs, *LASTING})
 
     @staticmethod
-    def _needed(state: SessionState) -> dict[str, RingSpec]:
+    def _specs(state: SessionState) -> dict[str, RingSpec]:
         return rings(state.config, state.options) | state.rings()
 
     def _hold(self, pack: str) -> None:
@@ -333,7 +333,7 @@ class SessionStore:
         for name in self._rings.keys() - names:
             self._rings.pop(name).remove()
 
-    def take_message(self) -> bytes | None:
+    def next_message(self) -> bytes | None:
         """The newest state as a message for every stage, once; None if already sent. Of several
         changes, only the last is sent.
         """

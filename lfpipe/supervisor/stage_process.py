@@ -164,7 +164,7 @@ class StageProcess:
 
     def last_stack(self) -> str:
         """The stack that the process wrote on request or on failure; empty if it was killed."""
-        return self._left("stack")[-MAX_STACK:].rstrip()
+        return self._report("stack")[-MAX_STACK:].rstrip()
 
     def failed(self) -> bool:
         """Restart policy: counts a failure and sets the time of the next start; True after too many
@@ -178,9 +178,9 @@ class StageProcess:
 
     def mistake(self) -> UserError | None:
         """The user error that ended the stage, if any."""
-        return UserError.from_json(self._left("error").encode())
+        return UserError.from_json(self._report("error").encode())
 
-    def _left(self, what: str) -> str:
+    def _report(self, what: str) -> str:
         path = child.crash_report_path(self._session.run_dir, what, self.stage.name)
         return path.read_text(errors="replace") if exists(path) else ""
 
@@ -225,11 +225,11 @@ class StageProcesses:
     def ensure_running(self, options: SessionOptions) -> None:
         """Starts the stages that are needed, and stops those that do not fit."""
         for process in self:
-            needed = process.fits(options)
-            process.must_run = needed and not self._drain_since_ns
+            fits = process.fits(options)
+            process.must_run = fits and not self._drain_since_ns
             if process.must_run and not process.alive and now_ns() >= process.next_start_ns:
                 self._start(process)
-            elif process.alive and not needed:
+            elif process.alive and not fits:
                 process.is_leaving = True
                 self._ask_to_stop(process.stage.name)
 
@@ -249,7 +249,7 @@ class StageProcesses:
 
     def check(self) -> list[tuple[StageProcess, int]]:
         """Kills hung stages, and returns stages that ended unexpectedly, with their exit codes."""
-        ended = []
+        failures = []
         for process in self:
             name = process.stage.name
             if why := process.hang_reason():
@@ -259,10 +259,10 @@ class StageProcesses:
                 process.kill()
             code = process.reap()
             if code is not None and process.row["state"] == State.DEAD:
-                ended.append((process, code))
+                failures.append((process, code))
             elif code is not None and process.must_run and name == SOURCE:
                 self._drain_since_ns = now_ns()
-        return ended
+        return failures
 
     def finished(self, every: int) -> bool:
         """Whether the source has ended and every stage has processed its last frame.
@@ -321,9 +321,9 @@ def wait_for_end(stages: Collection[StageProcess], notify: Callable[[str], None]
     reported: set[str] = set()
     for limit_s, signum in PASSES:
         due_ns = now_ns() + int(limit_s * 1e9)
-        while living := [process for process in stages if process.alive]:
+        while alive := [process for process in stages if process.alive]:
             if now_ns() >= due_ns:
-                texts = {process.stage.name: process.saving_description for process in living}
+                texts = {process.stage.name: process.saving_description for process in alive}
                 saving = {name: text for name, text in texts.items() if text}
                 if not saving:
                     break
@@ -332,8 +332,8 @@ def wait_for_end(stages: Collection[StageProcess], notify: Callable[[str], None]
                 reported |= saving.keys()
                 due_ns = now_ns() + int(limit_s * 1e9)
             time.sleep(0.005)
-            for process in living:
+            for process in alive:
                 process.reap()
-        for process in living:
+        for process in alive:
             if signum is not None:
                 process.signal(signum)

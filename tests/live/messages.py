@@ -26,7 +26,7 @@ NAME = f"bad_{os.getpid()}"
 @contextlib.contextmanager
 def written(dtype: np.dtype[np.void]) -> Iterator[memoryview]:
     """A ring with records of that type."""
-    lock = rundir.take(directory_of(NAME), UserError("in use", ""))
+    lock = rundir.acquire_directory(directory_of(NAME), UserError("in use", ""))
     memory = ring.create(scene_of(NAME), RingSpec((), dtype, 4))
     try:
         yield memory.buf

@@ -82,7 +82,7 @@ def _attack(folder: Path) -> int:
 
 
 def _serve_once(sockets: ControlSockets) -> None:
-    for request in sockets.arrived():
+    for request in sockets.messages():
         if not isinstance(request, Request):
             continue
         try:

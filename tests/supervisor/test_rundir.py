@@ -89,7 +89,7 @@ def test_a_lock_whose_directory_was_removed_meanwhile_is_taken_again(
         return lock
 
     monkeypatch.setattr(rundir, "lock_file", taken)
-    lock = rundir.take_lock(path, make=True)
+    lock = rundir.try_lock(path, make=True)
     assert lock is not None and lock.in_place() and path.exists()
     rundir.remove(Session(name).run_dir, lock)
 
@@ -148,7 +148,7 @@ def test_sweep_removes_a_killed_session_alone(base: Path, name: str) -> None:
 def test_a_stage_that_ends_while_another_one_sweeps_tries_again(base: Path, name: str) -> None:
     """The other one gives up, because a file came in the meantime."""
     run_dir = Session(name).run_dir
-    lock = rundir.take_lock(run_dir / "lock", make=True)
+    lock = rundir.try_lock(run_dir / "lock", make=True)
     assert lock is not None
     (run_dir / "late").touch()
     timer = Timer(0.05, lock.release)
