@@ -366,7 +366,7 @@ class Session(Attachment):
         return UserError(_by_parameter(self._error.message), _by_parameter(self._error.remedy))
 
     def _end(self) -> str:
-        if self._process.ended(STOP_S) in STOPPED:
+        if self._process.wait_at_most(STOP_S) in STOPPED:
             return ": it was stopped, or its source ended"
         return f": {self._failure().message}"
 
@@ -379,7 +379,7 @@ class Session(Attachment):
         UserError
             If it failed.
         """
-        code = self._process.ended(timeout_s)
+        code = self._process.wait_at_most(timeout_s)
         if code is None:
             return False
         if code not in STOPPED:
@@ -407,7 +407,7 @@ def _end(process: Child) -> None:
     if process.stdin is not None:
         process.stdin.close()
     process.send_signal(signals.END)
-    process.ended(STOP_S)
+    process.wait_at_most(STOP_S)
     process.close()
 
 

@@ -62,21 +62,21 @@ class VblankAnswers:
     """The pictures that a server's answers, each naming a vertical blank, refer to."""
 
     def __init__(self) -> None:
-        self._handed_ns: dict[int, int] = {}  # serial -> submission
+        self._submitted_ns: dict[int, int] = {}  # serial -> submission
         self._period_ns = 0.0
-        self._held: Presented | None = None
+        self._pending: Presented | None = None
         self._last: tuple[int, int] | None = None  # (time, number) of a vblank
 
     @property
     def waiting(self) -> int:
         """Pictures without an answer."""
-        return len(self._handed_ns)
+        return len(self._submitted_ns)
 
-    def asked(self, serial: int, t_ns: int) -> None:
+    def on_submission(self, serial: int, t_ns: int) -> None:
         """Picture number serial was submitted at t_ns."""
-        self._handed_ns[serial] = t_ns
+        self._submitted_ns[serial] = t_ns
 
-    def answered(self, serial: int, t_ns: int, number: int) -> list[Presented]:
+    def on_answer(self, serial: int, t_ns: int, number: int) -> list[Presented]:
         """Vblank `number` at t_ns answers for a picture; returns the answers that are certain now.
 
         Of several pictures before one vertical blank the last was shown: an answer is held while
@@ -88,28 +88,28 @@ class VblankAnswers:
                 _PERIOD_GAIN if self._period_ns else 1.0
             )
         self._last = t_ns, number
-        after_ns = max(t_ns - self._handed_ns.pop(serial, t_ns), 0)
+        after_ns = max(t_ns - self._submitted_ns.pop(serial, t_ns), 0)
         before = int(after_ns / self._period_ns) if self._period_ns else 0
         new = Presented(serial, round(t_ns - before * self._period_ns), round(self._period_ns))
-        if self._held is None:
-            self._held = new
+        if self._pending is None:
+            self._pending = new
             return []
         # present_fake.c delays an answer by a vertical blank if its timer fires early: then that of
         # the next picture comes first
-        first, last = sorted((self._held, new), key=lambda answer: answer.serial)
+        first, last = sorted((self._pending, new), key=lambda answer: answer.serial)
         if last.t_ns - first.t_ns > self._period_ns / 2:
-            self._held = last
+            self._pending = last
             return [first]
-        self._held = Presented(last.serial, first.t_ns, first.period_ns)
+        self._pending = Presented(last.serial, first.t_ns, first.period_ns)
         return [Presented(first.serial, 0, 0)]
 
-    def rest(self) -> list[Presented]:
+    def last_answer(self) -> list[Presented]:
         """The held answer, once no other can follow for its vertical blank."""
-        if self._held is None or self._handed_ns:
+        if self._pending is None or self._submitted_ns:
             return []
-        held = [self._held]
-        self._held = None
-        return held
+        answers = [self._pending]
+        self._pending = None
+        return answers
 
 
 class XPresentation:
@@ -163,11 +163,11 @@ class XPresentation:
         """Requests the next vertical blank."""
         if self._answers.waiting < _MAX_WAITING:
             number = serial & 0xFFFFFFFF
-            self._answers.asked(number, time.monotonic_ns())
+            self._answers.on_submission(number, time.monotonic_ns())
             self._present.xcb_present_notify_msc(self._connection, self._window, number, 0, 1, 0)
             self._xcb.xcb_flush(self._connection)
 
-    def take(self) -> list[Presented]:
+    def reports(self) -> list[Presented]:
         """What became known since the last call."""
         reports: list[Presented] = []
         while address := self._xcb.xcb_poll_for_event(self._connection):
@@ -177,9 +177,9 @@ class XPresentation:
                 and event.extension == self._opcode
                 and event.kind == _NOTIFY_MSC
             ):
-                reports += self._answers.answered(event.serial, event.ust * 1000, event.msc)
+                reports += self._answers.on_answer(event.serial, event.ust * 1000, event.msc)
             self._free(address)
-        return reports + self._answers.rest()
+        return reports + self._answers.last_answer()
 
     def close(self) -> None:
         """Ends the connection."""

@@ -76,10 +76,10 @@ def quiet_stderr() -> Iterator[None]:
     """Drops output to stderr inside the block, also that of native code and of other threads: only
     for noisy moments (a network's start).
     """
-    kept = os.dup(2)
+    copy = os.dup(2)
     drop_output(2)
     try:
         yield
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
+        os.dup2(copy, 2)
+        os.close(copy)

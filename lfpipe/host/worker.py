@@ -181,16 +181,18 @@ def ask_for_short_slices() -> bool:
     programs, a thread that wakes then runs sooner, for the same share. Returns whether the kernel
     grants it, as Linux 6.12 and later do; not to a process of another policy than the usual one.
     """
-    known = sys.platform == "linux" and platform.machine() in SCHED_CALLS
-    if not known or os.sched_getscheduler(0) != os.SCHED_OTHER:
+    offers = sys.platform == "linux" and platform.machine() in SCHED_CALLS
+    if not offers or os.sched_getscheduler(0) != os.SCHED_OTHER:
         return False
     set_them, get_them = SCHED_CALLS[platform.machine()]
     size, nice = SCHED_ATTR.size, os.getpriority(os.PRIO_PROCESS, 0)
-    own = ctypes.create_string_buffer(SCHED_ATTR.pack(size, 0, 0, nice, 0, SLICE_NS, 0, 0), size)
-    call = ctypes.CDLL(None).syscall
-    return bool(call(set_them, 0, own, 0) == call(get_them, 0, own, size, 0) == 0) and (
-        SCHED_ATTR.unpack(own.raw)[5] == SLICE_NS
+    attributes = ctypes.create_string_buffer(
+        SCHED_ATTR.pack(size, 0, 0, nice, 0, SLICE_NS, 0, 0), size
     )
+    call = ctypes.CDLL(None).syscall
+    return bool(
+        call(set_them, 0, attributes, 0) == call(get_them, 0, attributes, size, 0) == 0
+    ) and (SCHED_ATTR.unpack(attributes.raw)[5] == SLICE_NS)
 
 
 def set_up(name: str) -> None:
@@ -276,7 +278,7 @@ class Child(subprocess.Popen[bytes]):
             with contextlib.suppress(BrokenPipeError):  # `poll` then reports it
                 self.stdin.write(line + b"\n")
 
-    def ended(self, timeout_s: float | None = None) -> int | None:
+    def wait_at_most(self, timeout_s: float | None = None) -> int | None:
         """Waits for its end; the exit code, or None if it still runs after timeout_s."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             return self.wait(timeout_s)
@@ -349,7 +351,7 @@ class Worker:
         self._open = [pipe for pipe in pipes if pipe is not None]  # those that have not ended
         for pipe in self._open:
             os.set_blocking(pipe.fileno(), False)
-        self._rest = self._log = b""  # of the last line, of what it wrote to stderr
+        self._partial_line = self._log = b""  # of the last line, of what it wrote to stderr
         self._step_s = time.monotonic()
         self._reading = ""  # the file that it opened last
 
@@ -390,12 +392,12 @@ class Worker:
                 elif data and stream is not self._process.stdout:
                     self._log = (self._log + data)[-MAX_LOG_BYTES:]
                 elif data:
-                    *lines, rest = (self._rest + data).split(b"\n")
-                    self._rest = rest[-MAX_LINE_BYTES:]
+                    *lines, partial = (self._partial_line + data).split(b"\n")
+                    self._partial_line = partial[-MAX_LINE_BYTES:]
                     for line in lines:
-                        self._take(line)
+                        self._read_line(line)
 
-    def _take(self, line: bytes) -> None:
+    def _read_line(self, line: bytes) -> None:
         try:
             step = json.loads(line)
         except (ValueError, RecursionError):
@@ -417,7 +419,7 @@ class Worker:
             if self._open:
                 connection.wait(self.fds, 0.1)
             else:
-                self._process.ended(0.1)
+                self._process.wait_at_most(0.1)
             self.read()
 
     def result(self) -> dict[str, Any]:

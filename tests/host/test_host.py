@@ -136,7 +136,10 @@ def test_noise_without_end_neither_blocks_nor_fills_memory(child: Start) -> None
         " sys.stdout.write('x' * 10000)\n"
     )
     assert "exit code 0" in str(refusal(running.result))
-    assert len(running._log) <= worker.MAX_LOG_BYTES and len(running._rest) <= worker.MAX_LINE_BYTES
+    assert (
+        len(running._log) <= worker.MAX_LOG_BYTES
+        and len(running._partial_line) <= worker.MAX_LINE_BYTES
+    )
 
 
 @pytest.mark.parametrize(

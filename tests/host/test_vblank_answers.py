@@ -43,11 +43,11 @@ PLAYS: dict[str, tuple[tuple[int, int], list[Step]]] = {
 def test_vblank_answers(name: str) -> None:
     answers = VblankAnswers()
     for number in (1, 2):  # then the period is known
-        answers.asked(number, number * PERIOD_NS - 8 * MS_NS)
-        answers.answered(number, number * PERIOD_NS, number)
-        answers.rest()
+        answers.on_submission(number, number * PERIOD_NS - 8 * MS_NS)
+        answers.on_answer(number, number * PERIOD_NS, number)
+        answers.last_answer()
     asked_ns, steps = PLAYS[name]
     for number, t_ns in enumerate(asked_ns, 3):
-        answers.asked(number, t_ns)
+        answers.on_submission(number, t_ns)
     for step, shown in steps:
-        assert (answers.answered(*step) if step else answers.rest()) == shown
+        assert (answers.on_answer(*step) if step else answers.last_answer()) == shown

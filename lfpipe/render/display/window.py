@@ -202,7 +202,7 @@ class ScreenWindow(Display):
 
     def presented(self) -> list[Presented]:
         answers: list[Presented] = []
-        for answer in self._presentation.take() if self._presentation is not None else []:
+        for answer in self._presentation.reports() if self._presentation is not None else []:
             number = self._numbers.pop(answer.serial, None)
             # else it was drawn again
             if number is not None and (answer.t_ns or number not in self._numbers.values()):
