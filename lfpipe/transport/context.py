@@ -94,10 +94,10 @@ class RingInput:
             self._credit = Wake(session.credit(name, spec.name))
             self._lock_step = clock.lock_step
         self._index = spec.ring_index(name)
-        self._taken = row.record["taken_seq"].data
-        taken = int(self._taken[self._index])
-        if self._credit or taken:  # a predecessor died: count its unread slots, and later ones
-            self.reader.last_seq = min(self.reader.last_seq, taken)
+        self._read_seq = row.record["taken_seq"].data
+        seq = int(self._read_seq[self._index])
+        if self._credit or seq:  # a predecessor died: count its unread slots, and later ones
+            self.reader.last_seq = min(self.reader.last_seq, seq)
 
     def take(self, out: NDArray[Any], in_order: bool = False) -> ring.Stamp | None:
         """Copies the newest slot to out, if there is a new one; on request or in lossless sessions,
@@ -133,7 +133,7 @@ class RingInput:
             self.wake.notify(stamp.seq)
         self._row["drops"] += stamp.skipped
         if self._credit is None:
-            self._taken[self._index] = stamp.seq - 1  # they have already been counted
+            self._read_seq[self._index] = stamp.seq - 1  # they have already been counted
         elif not self._lock_step:
             self.give_credit()
 
@@ -143,7 +143,7 @@ class RingInput:
         If this process dies, its successor counts later slots as dropped.
         """
         if self._credit is None:
-            self._taken[self._index] = self.reader.last_seq
+            self._read_seq[self._index] = self.reader.last_seq
 
     def wait(self) -> None:
         """Reports that the stage waits: in lock-step, everything taken has been processed."""
@@ -154,8 +154,8 @@ class RingInput:
         """Reports to the writer that the slots taken so far may be overwritten; in lock-step, that
         they have been processed.
         """
-        if self._credit is not None and self._taken[self._index] != self.reader.last_seq:
-            self._taken[self._index] = self.reader.last_seq
+        if self._credit is not None and self._read_seq[self._index] != self.reader.last_seq:
+            self._read_seq[self._index] = self.reader.last_seq
             self._credit.notify(self.reader.last_seq)
 
 
@@ -213,7 +213,7 @@ class RingOutput:
         processed this one.
         """
         if self._rows:
-            self._wait_for(self._all_taken, self.credits)
+            self._wait_for(self._all_read, self.credits)
         seq = self.writer.publish(source_seq, t_sensor_ns, t_read_ns, epoch, kind)
         # at once: if the process is killed before this line, the new slot counts as lost
         self._done()
@@ -221,15 +221,15 @@ class RingOutput:
             if state[0] not in ENDED:
                 wake.notify(seq)
         if self._lock_step:
-            self._wait_for(self._all_taken, self.credits)
+            self._wait_for(self._all_read, self.credits)
         return seq
 
-    def _all_taken(self) -> bool:
+    def _all_read(self) -> bool:
         for credit in self.credits:
             credit.drain()
-        needed = self.writer.published - self._ahead
+        seq = self.writer.published - self._ahead
         return all(
-            int(row["taken_seq"][self._index]) >= needed or int(row["state"]) in ENDED
+            int(row["taken_seq"][self._index]) >= seq or int(row["state"]) in ENDED
             for row in self._rows
         )
 
@@ -278,7 +278,7 @@ class Context:
         self._rev = spec.rev
         self._converter = converter()  # its import takes longer than a stage may block
         self._ctl_fd = int(self._ctl.getsockopt(zmq.FD))
-        self._used = True
+        self._must_poll = True
         self._fds = [self._ctl_fd]
 
     def input(self, name: str) -> RingInput:
@@ -369,7 +369,7 @@ class Context:
         `answers`.
         """
         self._ctl.send(control.encode({"cmd": word, **values}))
-        self._used = True
+        self._must_poll = True
 
     def answer(
         self, command: control.Message, refusal: UserError | None = None, **result: Any
@@ -392,15 +392,15 @@ class Context:
         in `config`.
         """
         self.news = False
-        taken = self._commands
+        commands = self._commands
         self._commands = []
-        return taken
+        return commands
 
     def answers(self) -> list[Answer]:
         """Answers since the last call, to a `request`."""
-        taken = self._answers
+        answers = self._answers
         self._answers = []
-        return taken
+        return answers
 
     @property
     def idle(self) -> bool:
@@ -422,8 +422,8 @@ class Context:
         t_ns = now_ns()
         limit_ns = t_ns + (IDLE_BEAT_NS if self.idle else BEAT_NS)
         until_ns = limit_ns if until_ns is None else min(until_ns, limit_ns)
-        own = self._fds if inputs else [self._ctl_fd]
-        self._sleep([*own, *fds], max(until_ns - t_ns, 0))
+        descriptors = self._fds if inputs else [self._ctl_fd]
+        self._sleep([*descriptors, *fds], max(until_ns - t_ns, 0))
         return not self.stopping
 
     def _sleep(self, fds: Sequence[int], left_ns: int) -> None:
@@ -431,10 +431,10 @@ class Context:
         socket's own descriptor stays readable from an arrival until the socket is used: after a
         request, the socket itself must be asked.
         """
-        ready = readable(fds, 0.0 if self._used else left_ns / 1e9)
-        if self._used or self._ctl_fd in ready:
-            self._used = False
-            self._take_messages()
+        ready = readable(fds, 0.0 if self._must_poll else left_ns / 1e9)
+        if self._must_poll or self._ctl_fd in ready:
+            self._must_poll = False
+            self._receive_messages()
 
     def done(self) -> None:
         """Reports that everything taken from the inputs has been processed."""
@@ -448,7 +448,7 @@ class Context:
             self.row.heartbeat()
             self._sleep(fds, BEAT_NS)
 
-    def _take_messages(self) -> None:
+    def _receive_messages(self) -> None:
         while self._ctl.poll(0):
             self.news = True
             message = control.decode(self._ctl.recv())

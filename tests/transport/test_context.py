@@ -160,9 +160,9 @@ def test_a_lossless_writer_is_a_few_slots_ahead_of_who_still_reads(
         for taken in range(published + 1):
             slow["taken_seq"][at], quick["taken_seq"][at] = taken, published
             slow["state"] = quick["state"] = State.RUNNING
-            assert eyes._all_taken() is (published - taken <= eyes.writer.slots - 4)
+            assert eyes._all_read() is (published - taken <= eyes.writer.slots - 4)
             slow["state"] = State.DEAD
-            assert eyes._all_taken(), "nobody waits for the dead"
+            assert eyes._all_read(), "nobody waits for the dead"
         eyes.begin()
         eyes.publish(published, 1, 1)
     assert asked == [True] * 12
