@@ -86,8 +86,8 @@ class Commands(ExtensibleGroup):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         summaries = dict(self._summaries())
         width = max(map(len, summaries))
-        listed = [name for names in GROUPS.values() for name in names]
-        groups = GROUPS | {"More": tuple(name for name in summaries if name not in listed)}
+        grouped = [name for names in GROUPS.values() for name in names]
+        groups = GROUPS | {"More": tuple(name for name in summaries if name not in grouped)}
         for title, names in groups.items():
             rows = [(f"{name:{width}}", summaries[name]) for name in names if name in summaries]
             if rows:

@@ -51,10 +51,10 @@ def cameras(as_json: bool) -> None:
     Each size is listed with its highest rate; --json lists all rates. Pass the path or the name to
     --camera: camera:/dev/video0, camera:NAME.
     """
-    listed: list[dict[str, Any]] = []
+    rows: list[dict[str, Any]] = []
     ranking = camera_list.ranked(camera_list.cameras())
     for number, (device, doubt) in enumerate((one.device, one.doubt) for one in ranking):
-        about: dict[str, Any] = {
+        facts: dict[str, Any] = {
             "camera": f"camera:{device.path}",
             "name": device.name,
             "used": not number,
@@ -65,33 +65,37 @@ def cameras(as_json: bool) -> None:
             "trouble": "",
         }
         try:
-            about["formats"], about["controls"], about["stereo"] = camera_list.asking(
+            facts["formats"], facts["controls"], facts["stereo"] = camera_list.asking(
                 device.path,
-                lambda opened: (_formats(opened, as_json), control_texts(opened), _is_wide(opened)),
+                lambda opened: (
+                    _formats(opened, as_json),
+                    control_texts(opened),
+                    _is_wide(opened),
+                ),
             )
         except OSError as error:
-            about["trouble"] = os.strerror(error.errno or 0)
-        listed.append(about)
+            facts["trouble"] = os.strerror(error.errno or 0)
+        rows.append(facts)
     if as_json:
-        print_result(json.dumps({"cameras": listed}))
+        print_result(json.dumps({"cameras": rows}))
         return
-    for about in listed:
+    for facts in rows:
         use = (
             "used by default"
-            if about["used"]
-            else f"not used by default: {about['doubt'] or 'not the first'}"
+            if facts["used"]
+            else f"not used by default: {facts['doubt'] or 'not the first'}"
         )
-        print_result(f"{about['camera']}  {about['name']}  ({use})")
-        if about["stereo"]:
-            path = about["camera"].removeprefix("camera:")
+        print_result(f"{facts['camera']}  {facts['name']}  ({use})")
+        if facts["stereo"]:
+            path = facts["camera"].removeprefix("camera:")
             print_result(f"  two views side by side, it seems: lfpipe up live:{path}")
         lines = (
-            [about["trouble"]]
-            if about["trouble"]
-            else [*(about["formats"] or ["formats unknown"]), *about["controls"]]
+            [facts["trouble"]]
+            if facts["trouble"]
+            else [*(facts["formats"] or ["formats unknown"]), *facts["controls"]]
         )
         print_result("\n".join(filled(line, "  ") for line in lines))
-    if not listed:
+    if not rows:
         print_result("no camera found; --demo and --camera file:PATH work without one")
 
 
@@ -282,15 +286,15 @@ def _calibrate_pair(text: str, config: Config) -> None:
     if not two_cameras(live):
         raise UserError(f"{text}: not two cameras", "name a camera with two views, or two cameras")
     name = camera_name(live.source)
-    placed = placement_of(live, config)
-    if placed.swapped:
+    placement = placement_of(live, config)
+    if placement.swapped:
         print_result("the first camera delivers the right view: views swapped")
-    sense = "clockwise" if placed.rotation_deg >= 0 else "anticlockwise"
-    print_result(f"right camera is rotated by {abs(placed.rotation_deg):.1f} degrees {sense}")
-    lies = f"{abs(placed.height_px):.1f} px {'lower' if placed.height_px >= 0 else 'higher'}"
-    print_result(f"its picture lies {lies}, and is {placed.scale:.3f} times as large")
-    values = {key: round(value, 4) for key, value in attrs.asdict(placed).items()}
-    values |= {"swapped": placed.swapped, "width_px": live.width_px}
+    sense = "clockwise" if placement.rotation_deg >= 0 else "anticlockwise"
+    print_result(f"right camera is rotated by {abs(placement.rotation_deg):.1f} degrees {sense}")
+    lies = f"{abs(placement.height_px):.1f} px {'lower' if placement.height_px >= 0 else 'higher'}"
+    print_result(f"its picture lies {lies}, and is {placement.scale:.3f} times as large")
+    values = {key: round(value, 4) for key, value in attrs.asdict(placement).items()}
+    values |= {"swapped": placement.swapped, "width_px": live.width_px}
     write_keys(camera_file(), PLACED + name, values)
     print_result(f"stored for {name} in {camera_file()}")
 

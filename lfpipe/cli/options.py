@@ -75,8 +75,8 @@ def with_config(command: Callable[..., Any]) -> Callable[..., Any]:
 
     @with_settings
     @functools.wraps(command)
-    def run(*given: Any, config_file: str | None, sets: tuple[str, ...], **values: Any) -> Any:
-        return command(*given, config=load(config_file, sets), **values)
+    def run(*arguments: Any, config_file: str | None, sets: tuple[str, ...], **values: Any) -> Any:
+        return command(*arguments, config=load(config_file, sets), **values)
 
     return run
 
@@ -97,10 +97,10 @@ def with_scene(command: Callable[..., Any]) -> Callable[..., Any]:
     )
     @with_config
     @functools.wraps(command)
-    def run(*given: Any, config: Any, **values: Any) -> Any:
+    def run(*arguments: Any, config: Any, **values: Any) -> Any:
         how = {f"scene.{key}": values.pop(key) for key in ("layout", "grid", "flip")}
         config = updated(config, {key: value for key, value in how.items() if value is not None})
-        return command(*given, config=config, **values)
+        return command(*arguments, config=config, **values)
 
     return run
 

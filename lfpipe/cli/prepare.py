@@ -125,12 +125,12 @@ def _with_recent_scenes(arguments: UpArguments) -> UpArguments:
 def parse(arguments: UpArguments, has_screen: bool) -> Request:
     """Raises UserError for errors that do not depend on the machine."""
     if arguments.no_picture:
-        given = {
+        texts = {
             "SCENE": arguments.scenes,
             "--display": arguments.display,
             "--trace": arguments.trace,
         }
-        if pointless := [name for name, value in given.items() if value]:
+        if pointless := [name for name, value in texts.items() if value]:
             raise UserError(
                 f"--no-picture with {', '.join(pointless)}: nothing is shown",
                 "leave out one or the other",
@@ -224,10 +224,10 @@ def _open(arguments: UpArguments, request: Request, packed: Packed | None) -> di
         scenes, pack = packed
         opened = Opened([*map(Path, scenes)], open_pack(Path(pack), settings.invert_depth))
     else:
-        found = find_packed(arguments.scenes, settings, scorer=SCORER)
-        if isinstance(found, PackerRequest):
-            return {"to_pack": found, "complete": request.video is not None}
-        opened = found
+        scene = find_packed(arguments.scenes, settings, scorer=SCORER)
+        if isinstance(scene, PackerRequest):
+            return {"to_pack": scene, "complete": request.video is not None}
+        opened = scene
     return {"plan": _open_packed(arguments, request, opened)}
 
 
@@ -444,8 +444,10 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
     """
     log.set_up()
     with machine_errors():
-        found = prepare(converter().structure(request["arguments"], UpArguments), request["packed"])
-    report(**converter().unstructure(found))
+        answer = prepare(
+            converter().structure(request["arguments"], UpArguments), request["packed"]
+        )
+    report(**converter().unstructure(answer))
     threading.Event().wait()
     return {}
 

@@ -160,7 +160,7 @@ def _check(path: Path) -> None:
         (partial(read_frame, seq) for seq in range(len(recorded.packets))),
         (partial(read_truth, path), partial(check_sums, recorded)),
     )
-    said: list[str] = []
+    errors: list[str] = []
     count = 0
     remedy = ""
     for check_one in checks:
@@ -168,11 +168,11 @@ def _check(path: Path) -> None:
             check_one()
         except UserError as error:  # whose traceback holds the whole frame
             count += 1
-            said += [error.message] * (count <= MAX_LISTED)
+            errors += [error.message] * (count <= MAX_LISTED)
             remedy = remedy or error.remedy
-    if said:
-        said += [f"and {count - MAX_LISTED} more"] * (count > MAX_LISTED)
-        raise UserError("\n  ".join(said), remedy)
+    if errors:
+        errors += [f"and {count - MAX_LISTED} more"] * (count > MAX_LISTED)
+        raise UserError("\n  ".join(errors), remedy)
     state = (
         "complete"
         if recorded.complete
@@ -335,18 +335,18 @@ def _replayed(
         )
     config = run.replay_config(sequence, config_file, sets)
     compared = Comparison([], [])
-    with contextlib.ExitStack() as held:
+    with contextlib.ExitStack() as resources:
         if new is not None:
             run.check_out(new)
-        folder = out or Path(held.enter_context(TemporaryDirectory(prefix="lfpipe-replay-")))
+        folder = out or Path(resources.enter_context(TemporaryDirectory(prefix="lfpipe-replay-")))
         run.check_out(folder)
         field = opened(scene, config)
         if against is not None:
             inputs = {"sequence": about_sequence(sequence), "scene": about_scene(field)}
             check_reference(against, inputs)
         run.clear_out(folder)
-        kept = pace == "step" and (out is not None or expect is not None)
-        _summary(run.replay(sequence, field, config, pace, folder, kept, say))
+        stores_pictures = pace == "step" and (out is not None or expect is not None)
+        _summary(run.replay(sequence, field, config, pace, folder, stores_pictures, say))
         if against is not None:
             compared = compare(against, folder, keeps=out is not None)
         if new is not None:

@@ -164,9 +164,9 @@ def _prepared(arguments: UpArguments) -> Prepared:
     packing, packed, notes = None, None, list[str]()
     with contextlib.ExitStack() as resources:
         while True:
-            asked = converter().unstructure({"arguments": arguments, "packed": packed})
+            message = converter().unstructure({"arguments": arguments, "packed": packed})
             # cameras, and servers of networks, have time limits of their own
-            preparer = Worker(PREPARER, asked, "scene and camera", float("inf"), stderr=None)
+            preparer = Worker(PREPARER, message, "scene and camera", float("inf"), stderr=None)
             with contextlib.closing(preparer):
                 # while it works
                 from lfpipe.scene.pack import PackerRequest, hold_pack, pack_until_shown

@@ -142,12 +142,12 @@ def added(place: str, kind: type[A]) -> dict[str, A]:
 
     Raises UserError if one is broken.
     """
-    found: dict[str, A] = {}
+    parts: dict[str, A] = {}
     for entry in plugins(COMMANDS):
         where, _, name = entry.rpartition(".")
         if where == place and isinstance(part := load(COMMANDS, entry), kind):
-            found[name] = part
-    return found
+            parts[name] = part
+    return parts
 
 
 def with_added_options(command: click.Command, path: str) -> click.Command:
@@ -162,10 +162,10 @@ def with_added_options(command: click.Command, path: str) -> click.Command:
 
 
 def _wrapped(
-    entry: str, wrapper: str, proceed: Callable[..., Any] | None, *given: Any, **values: Any
+    entry: str, wrapper: str, proceed: Callable[..., Any] | None, *arguments: Any, **values: Any
 ) -> Any:
     assert proceed is not None, "a command, not a group"
-    return load_target(COMMANDS, entry, wrapper)(functools.partial(proceed, *given), **values)
+    return load_target(COMMANDS, entry, wrapper)(functools.partial(proceed, *arguments), **values)
 
 
 class Group(click.Group):
