@@ -167,10 +167,10 @@ class LiveScene(Closing):
     ) -> tuple[float, NDArray[np.int8] | None]:
         if disparity is None:
             return 0.0, None
-        wanted = (*grid, (self._shape[2] + 1) // 2, (self._shape[3] + 1) // 2)
+        shape = (*grid, (self._shape[2] + 1) // 2, (self._shape[3] + 1) // 2)
         maps = np.asarray(disparity, np.float32)
-        if maps.shape != wanted:
-            raise UserError(f"disparity of shape {maps.shape}", f"give {wanted}")
+        if maps.shape != shape:
+            raise UserError(f"disparity of shape {maps.shape}", f"give {shape}")
         if not np.isfinite(maps).all():
             raise UserError(
                 "disparity contains values that are no numbers", "give numbers, or None"

@@ -129,7 +129,7 @@ def scene_path(
     """The path of a scene, the pack of an open light field; an array is written to the cache, by
     its content. Raises UserError.
     """
-    known = {
+    extras = {
         name: numbers(name, value)
         for name, value in (("disparity", disparity), ("positions", positions))
         if value is not None
@@ -137,9 +137,9 @@ def scene_path(
     if isinstance(scene, LightField):
         scene = Path(scene.folder)
     if scene is None or isinstance(scene, str | os.PathLike):
-        if known:
+        if extras:
             raise UserError(
-                f"{scene or 'the demo'}: only arrays have {', '.join(known)}", "leave them out"
+                f"{scene or 'the demo'}: only arrays have {', '.join(extras)}", "leave them out"
             )
         return None if scene is None else named_scene(Path(scene), cache_dir(config))
     views = numbers("scene", scene)
@@ -151,14 +151,14 @@ def scene_path(
     require_views(views, "the array")
     arrays = {
         "views": np.ascontiguousarray(views),
-        **{name: np.ascontiguousarray(value) for name, value in known.items()},
+        **{name: np.ascontiguousarray(value) for name, value in extras.items()},
     }
     digest = hashlib.sha256()
     for name, array in arrays.items():
         digest.update(f"{name} {array.shape} {array.dtype.str};".encode())
         digest.update(array.data)
     folder = cache_dir(config) / "arrays"
-    path = folder / f"array-{digest.hexdigest()[:20]}{'.npz' if known else '.npy'}"
+    path = folder / f"array-{digest.hexdigest()[:20]}{'.npz' if extras else '.npy'}"
     try:
         folder.mkdir(0o700, parents=True, exist_ok=True)
         if is_file(path):
@@ -167,7 +167,7 @@ def scene_path(
             if time.time() - old.lstat().st_atime > KEPT_S:  # noqa: TID251 - a date
                 old.unlink(missing_ok=True)
         with replaced(path) as file:
-            if known:
+            if extras:
                 np.savez(file, **arrays)  # type: ignore[arg-type]
             else:
                 np.save(file, arrays["views"])

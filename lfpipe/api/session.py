@@ -89,7 +89,7 @@ class Attachment(Closing):
         """Raises UserError once the session has ended, or this object was closed."""
         if self._closed:
             raise UserError(f"session {self.name!r} was closed here", "attach again")
-        if not self._watch.living():
+        if not self._watch.is_running():
             raise UserError(f"session {self.name!r} has ended{self._end()}", "start another one")
 
     def _end(self) -> str:
@@ -144,7 +144,7 @@ class Attachment(Closing):
 
     def stream(self) -> Iterator[Eyes | None]:
         """Yields `eyes` until the session ends."""
-        while not self._closed and self._watch.living():
+        while not self._closed and self._watch.is_running():
             with contextlib.suppress(UserError):
                 yield self.eyes()
 
@@ -239,7 +239,7 @@ class Attachment(Closing):
         end = None if timeout_s is None else time.monotonic() + timeout_s
         if self._closed:
             self._require_session()
-        while self._watch.living():
+        while self._watch.is_running():
             if end is not None and time.monotonic() > end:
                 return False
             time.sleep(0.02)
@@ -349,9 +349,9 @@ class Session(Attachment):
             with contextlib.suppress(UserError, FileNotFoundError):
                 super().__init__(name)
                 # else this name is already taken
-                own = self._watch.manifest.pid == self._process.pid
+                is_own = self._watch.manifest.pid == self._process.pid
                 rows = self._watch.table.rows  # no row itself: `close` could not unmap it
-                if own and rows["render"]["state"] == State.RUNNING and rows["render"]["seq"]:
+                if is_own and rows["render"]["state"] == State.RUNNING and rows["render"]["seq"]:
                     return
                 self.close()
             time.sleep(0.05)
@@ -462,9 +462,9 @@ def replay(
     path = scene_path(scene, updated(Config(), settings or {}).scene)
     with TemporaryDirectory(prefix="lfpipe-replay-") as folder:
         error_file = Path(folder, "error.json")
-        kept = Path(folder, "out") if out is None else Path(out)
+        results = Path(folder, "out") if out is None else Path(out)
         words = _command_line(
-            "replay", str(sequence), settings or {}, pace=pace, out=kept, scene=path
+            "replay", str(sequence), settings or {}, pace=pace, out=results, scene=path
         )
         done = subprocess.run(
             python("lfpipe", *words),
@@ -476,7 +476,7 @@ def replay(
         if done.returncode != 0:
             error = UserError.from_json(error_file.read_bytes()) if exists(error_file) else None
             raise error or UserError("the replay was killed", CHECK)
-        report: dict[str, Any] = json.loads((kept / "report.json").read_text())
+        report: dict[str, Any] = json.loads((results / "report.json").read_text())
         return report
 
 
@@ -487,9 +487,9 @@ def _command_line(
     **options: str | os.PathLike[str] | None,
 ) -> list[str]:
     """The arguments of a command about `what`, without the options that are None."""
-    given = {name: os.fspath(value) for name, value in options.items() if value is not None}
+    texts = {name: os.fspath(value) for name, value in options.items() if value is not None}
     sets = (f"--set={key}={json.dumps(value)}" for key, value in settings.items())
-    return [command, what, *(f"--{name}={value}" for name, value in given.items()), *sets]
+    return [command, what, *(f"--{name}={value}" for name, value in texts.items()), *sets]
 
 
 def _by_parameter(text: str) -> str:

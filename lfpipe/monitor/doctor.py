@@ -180,8 +180,8 @@ def session(settings: config.Config) -> Check:
     settings = attrs.evolve(settings, track=attrs.evolve(settings.track, engine="litert"))
     try:
         viewer = NoViewer() if models.missing_models() else check_source("demo", settings.camera)
-        own = Session(f"doctor.{os.getpid()}")
-        outcome = try_session(own, settings, SessionOptions(viewer=viewer, show=False))
+        trial = Session(f"doctor.{os.getpid()}")
+        outcome = try_session(trial, settings, SessionOptions(viewer=viewer, show=False))
         total_bytes, _, free_bytes = shutil.disk_usage(base_dir())
     except UserError as error:
         return Check("session", False, error.message, error.remedy)
@@ -195,16 +195,16 @@ def session(settings: config.Config) -> Check:
 
 def checks() -> list[Check]:
     """All checks, in the order in which to fix problems."""
-    own = settings()
-    used = config.load() if own.ok else config.Config()
+    settings_check = settings()
+    settings_used = config.load() if settings_check.ok else config.Config()
     return [
         python(),
-        own,
+        settings_check,
         face_networks(),
         sdl(),
-        *camera_checks(used.camera.source, cameras()),
-        cache(used.scene),
-        session(used),
+        *camera_checks(settings_used.camera.source, cameras()),
+        cache(settings_used.scene),
+        session(settings_used),
     ]
 
 

@@ -294,7 +294,7 @@ def run(name: str, once: bool, as_json: bool) -> None:
             print_state(watch.read())
         while as_json:
             print(json.dumps(watch.read().to_dict()), flush=True)  # noqa: T201
-            if once or not watch.living():
+            if once or not watch.is_running():
                 return
             time.sleep(PERIOD_S)
     if redraws and not once:

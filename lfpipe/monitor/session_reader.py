@@ -59,7 +59,7 @@ class Watch:
             self.manifest.started_ns,
         )
 
-    def living(self) -> bool:
+    def is_running(self) -> bool:
         """Whether the session is still the one that was attached to."""
         try:
             return self._marked() == self._mark
@@ -117,7 +117,7 @@ class Follower:
         """The metrics with the times of the last WINDOW_S, and the settings; None without a
         session.
         """
-        if self.watch is not None and not self.watch.living():
+        if self.watch is not None and not self.watch.is_running():
             self.close()
         if self.watch is None:
             try:

@@ -162,7 +162,7 @@ def test_monitor_leaves_nothing_and_costs_no_frame(live: World) -> None:
     with live.entered():
         for _ in range(20):
             with contextlib.closing(Watch(find(live.name))) as watch:
-                assert watch.living() and watch.read().stages
+                assert watch.is_running() and watch.read().stages
     for signum in (signal.SIGKILL, signal.SIGINT):  # whole processes, killed and ended cleanly
         viewer = live.start("monitor", "--session", live.name, "--json")
         assert (
