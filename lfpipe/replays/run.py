@@ -153,12 +153,14 @@ def about_sequence(sequence: Sequence) -> dict[str, Any]:
     depend on the version of the encoder, so it is identified by that name instead of checksums.
     """
     checksums = sequence.manifest.get("checksums", {})
-    made = sequence.manifest.get("made")
+    generator = sequence.manifest.get("made")
     return {
         "name": sequence.path.resolve().name,
         "frames": len(sequence.packets),
         "checksums": (
-            {"made": made} if made else {name: checksums.get(name, "") for name in (PACKETS, INDEX)}
+            {"made": generator}
+            if generator
+            else {name: checksums.get(name, "") for name in (PACKETS, INDEX)}
         ),
         "rate_hz": round(sequence.measured_hz, 4),
     }
@@ -214,7 +216,7 @@ def make_report(
     truth = read_truth(sequence.path)
     stages = final.stages
     span_ns = lines[-1]["t_presented_ns"] - lines[0]["t_presented_ns"] if lines else 0
-    seen = len({line["source_seq"] for line in lines})
+    frames_shown = len({line["source_seq"] for line in lines})
     composed = [line for line in lines if line["composed"]]
     return {
         "format": FORMAT,
@@ -228,7 +230,7 @@ def make_report(
             "frames": len(sequence.packets),
             "lost_in_recording": sequence.lost,
             "pictures": len(lines),
-            "frames_shown": seen,
+            "frames_shown": frames_shown,
             "composed": len(composed),
             "faces": len({line["source_seq"] for line in lines if line["face"]}),
             "dropped": {name: stage.dropped for name, stage in stages.items()},
@@ -236,7 +238,7 @@ def make_report(
         },
         "digests": digests(lines) if steady and lines else None,
         "truth_error": _truth_error(truth, lines, shown_ns) if truth and lines else None,
-        "rate_hz": round((seen - 1) / span_ns * 1e9, 2) if span_ns > 0 else 0.0,
+        "rate_hz": round((frames_shown - 1) / span_ns * 1e9, 2) if span_ns > 0 else 0.0,
         "latency": {
             **{name: {"wait": stage.wait, "busy": stage.busy} for name, stage in stages.items()},
             "end_to_end": _quantiles_ms(
@@ -337,16 +339,16 @@ def replay_config(sequence: Recorded, file: str | None, sets: tuple[str, ...]) -
     Raises UserError for a wrong key or value.
     """
     config = config_module.load(file, sets)
-    named = {config_module.parse_set(text)[0] for text in sets}
+    keys = {config_module.parse_set(text)[0] for text in sets}
     recorded = sequence.manifest.get("config", {}).get("camera", {})
     camera = {f"camera.{key}": recorded[key] for key in ("focal_px", "fov_deg") if key in recorded}
     size = dict(zip(("width_px", "height_px"), sequence.size_px, strict=True))
     # because its JPEGs may have been scaled
-    camera |= {f"camera.{key}": recorded.get(key, own) for key, own in size.items()}
+    camera |= {f"camera.{key}": recorded.get(key, size_px) for key, size_px in size.items()}
     camera["camera.rate_hz"] = min(max(sequence.measured_hz, 0.1), 1000.0)
     try:
         return config_module.updated(
-            config, {key: value for key, value in camera.items() if key not in named}
+            config, {key: value for key, value in camera.items() if key not in keys}
         )
     except UserError as error:
         what = error.message.removeprefix("configuration: ")
@@ -364,14 +366,14 @@ def check_out(folder: Path) -> None:
         folder.mkdir(PRIVATE_FOLDER, parents=True, exist_ok=True)
         if not os.access(folder, os.W_OK | os.X_OK):
             raise PermissionError(errno.EACCES, "Permission denied")
-        strange = sorted(
+        strangers = sorted(
             name
             for path in folder.rglob("*")
             if not _is_result(path, name := path.relative_to(folder).as_posix())
         )
-        if strange:
+        if strangers:
             raise UserError(
-                f"{folder}: contains {strange[0]}, which is not from a replay",
+                f"{folder}: contains {strangers[0]}, which is not from a replay",
                 "use a new or an empty folder",
             )
 
