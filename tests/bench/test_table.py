@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from skimage.color import rgb2ycbcr
-from skimage.metrics import peak_signal_noise_ratio
 
 from lfpipe.bench import table as metrics
 from lfpipe.bench.results import Results
@@ -33,6 +31,10 @@ from tests.support.examples import examples
 def test_luma_and_psnr_are_those_of_scikit_image(
     seed: int, height: int, width: int, noise: float, border_px: int
 ) -> None:
+    # here, because it takes longer to import than all of lfpipe
+    from skimage.color import rgb2ycbcr
+    from skimage.metrics import peak_signal_noise_ratio
+
     rng = np.random.default_rng(seed)
     a = rng.integers(0, 256, (3, height, width), np.uint8)
     b = np.clip(a + rng.normal(0, noise, a.shape), 0, 255).astype(np.uint8)

@@ -45,7 +45,7 @@ def test_session_window_shows_the_views_of_the_trace(
     press = functools.partial(world.xdotool, "key")
     press("y")  # takes the hint away, which else goes by itself
     for _ in range(10):
-        world.ctl("pause")
+        world.ask(cmd="pause")
         world.wait_for(
             lambda: _steady(world, screen) == expected(world.lines()[-1]),
             "the picture that the trace names",
@@ -53,11 +53,11 @@ def test_session_window_shows_the_views_of_the_trace(
         line = world.lines()[-1]
         if line["view"]["left"] != line["view"]["right"]:
             break
-        world.ctl("resume")  # both eyes beyond the edge see the same view
+        world.ask(cmd="resume")  # both eyes beyond the edge see the same view
     else:
         pytest.fail("the eyes see the same view: this test shows nothing")
     _exchange_near_and_far(world, screen, functools.partial(press, "d"))
-    world.ctl("resume")
+    world.ask(cmd="resume")
     for key, changed in (("plus", 22.0), ("minus", 20.0)):
         press(key)
         world.wait_for(lambda changed=changed: _alpha(world) == changed, f"alpha of {changed}")
@@ -91,9 +91,9 @@ def _exchange_near_and_far(world: World, screen: Screen, press_d: Callable[[], o
         world.wait_for(
             lambda word=word: world.monitor()["config"]["scene"]["invert_depth"] == word, word
         )
-        world.ctl("resume")
+        world.ask(cmd="resume")
         world.more_pictures(2)
-        world.ctl("pause")
+        world.ask(cmd="pause")
 
         def turned(last: float = last) -> list[int]:
             eyes = world.lines()[-1]["view"]

@@ -64,17 +64,17 @@ def test_monitor_and_ctl_change_the_next_picture(world: World, scene: Path, tmp_
     assert ctl("set", "render.swap_eyes=true")["applied"] is True
     line = world.more_pictures(2)[-1]
     assert line["view"]["left"][1] >= line["view"]["right"][1]
-    ctl("recentre")
+    assert world.ask(cmd="recentre")["ok"]
     assert ctl("pause")["applied"] is True
     count = len(world.lines())
     stays(lambda: len(world.lines()) == count, 0.5, "the pause")
-    ctl("resume")
+    assert world.ask(cmd="resume")["ok"]
     world.pictures(count + 5)
     ctl("load", str(write_scene(tmp_path / "other", 1, 5)))
     assert world.more_pictures(5)[-1]["view"]["left"][0] == 0
     assert "nowhere" in world.refused("ctl", "--session", world.name, "load", "nowhere")
     world.more_pictures(5)
-    ctl("stop")
+    assert world.ask(cmd="stop")["ok"]
     world.wait_for(lambda: not world.left(), "clean end")
 
 

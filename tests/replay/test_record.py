@@ -41,7 +41,7 @@ def test_a_live_session_is_recorded_without_a_hole(world: World, short: Path, bl
     assert json.loads(world.ctl("--json", "record", "start", out))["path"] == str(out)
     world.wait_for(lambda: capture(world)["metrics"]["recorded"] > 60, "recording")
     assert frames(out) > 60 and capture(world)["metrics"]["unrecorded"] == 0
-    world.ctl("record", "stop")
+    assert world.ask(cmd="record", path="")["ok"]
     world.wait_for(lambda: json.loads((out / "manifest.json").read_text())["complete"], "manifest")
     stopped = world.monitor()
     world.pictures(len(world.lines()) + 5)  # the session continues

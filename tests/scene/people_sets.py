@@ -652,7 +652,7 @@ SETS: dict[str, list[PeopleSet]] = {
         ),
         opens(
             "GIF, nothing moves",
-            gif([np.maximum(PHOTO, k) for k in range(30, 37)]),
+            gif([np.maximum(PHOTO, k) for k in range(30, 100, 10)]),
             "gif 1x1",
             sure=False,
             text=NOTHING,

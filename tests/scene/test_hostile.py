@@ -207,7 +207,7 @@ ATTACKS: dict[str, tuple[Make, str]] = {
     },
     **{name: (one(name, data), said) for name, (data, said) in ARRAYS.items()},
     "JPEG": (one("a.jpg", jpeg_claiming(SMALL_JPEG, 20_000, 20_000)), "20000x20000"),
-    "PNG, whole": (one("a.png", png_of(16_384, 16_384)), "16384x16384"),
+    "PNG, whole": (lambda f: one("a.png", png_of(16_384, 16_384))(f), "16384x16384"),
     "HDF5, large views": (array_of(9, 9, 40_000, 40_000, 3), "views have 40000x40000"),
     "HDF5, no end": (array_of(1, 2**40, 32, 32, 3), r"lf\.h5"),
     "HDF5, truncated": (

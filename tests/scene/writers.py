@@ -79,7 +79,7 @@ def numbered(frames: Iterable[NDArray[Any]], name: str = "frame_{:03d}.png") -> 
 
 def gif(frames: Iterable[Pictures], name: str = "walk.gif") -> Make:
     def make(folder: Path) -> Path:
-        pictures = [Image.fromarray(f).quantize(255, dither=Image.Dither.NONE) for f in frames]
+        pictures = [Image.fromarray(f).quantize(255, Image.Quantize.FASTOCTREE) for f in frames]
         pictures[0].save(folder / name, save_all=True, append_images=pictures[1:], duration=80)
         return folder / name
 
