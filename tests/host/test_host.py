@@ -93,7 +93,7 @@ def test_sums_have_the_same_bits_under_every_python(values: list[int]) -> None:
 Start = Callable[..., Worker]
 HANGS = """import signal, time
 signal.signal(signal.SIGTERM, signal.SIG_IGN)
-for n in range(8): print('{"step": 1}', flush=True); time.sleep(0.5)
+for n in range(6): print('{"step": 1}', flush=True); time.sleep(0.4)
 print('{"step": "last"}', flush=True); time.sleep(100)"""
 HUNGRY = f"""import sys; sys.path.insert(0, {str(Path(worker.__file__).parents[2])!r})
 from lfpipe.host.worker import serve
@@ -174,7 +174,7 @@ def test_the_file_whose_reader_fails_is_named_with_a_remedy_for_that(
     [
         ("raise SystemExit(3)", 20.0, "exit code 3"),
         ("import os; os.abort()", 20.0, "signal 6"),
-        (HANGS, 2.0, "no progress within 2 s"),  # but 4 s after the start: steps give it time
+        (HANGS, 1.5, "no progress within 1.5 s"),  # 2.4 s after the start: steps give it time
         (HUNGRY, 20.0, "100 MB of memory"),
     ],
 )
