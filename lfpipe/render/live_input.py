@@ -19,7 +19,7 @@ from lfpipe.transport.context import Context
 from lfpipe.transport.ring import SECOND_NS, Stamp
 
 LATE_FRAMES = 2.5  # frame intervals
-KEPT_FRAMES = 5  # the newest: disparity may be as late
+STORED_FRAMES = 5  # the newest: disparity may be as late
 MANY_VIEWS = 9  # of larger grids, only the views in need are taken from a frame
 USUAL_NS = SECOND_NS // 30  # interval of frames, until some were seen
 SHARE = 0.1  # of an interval in their running mean
@@ -52,12 +52,12 @@ class LiveInput:
         self._record = np.zeros((), disparity_dtype(live))
         self._interval_ns = float(USUAL_NS)
 
-    def take(self, positions: Iterable[Position], t_ns: int) -> LightField | None:
+    def read(self, positions: Iterable[Position], t_ns: int) -> LightField | None:
         """Reads both rings; returns the light field if a newer one is to be shown. positions: the
         viewpoints (row, col) that are likely next.
         """
         stamp = self._disparity.take(self._record)
-        self._take_views()  # second: the frame that the disparity was measured in is there
+        self._read_views()  # second: the frame that the disparity was measured in is there
         measured = stamp and (stamp.epoch, stamp.source_seq)
         for frame in self._frames:
             if measured != (frame.stamp.epoch, frame.stamp.source_seq):
@@ -81,7 +81,7 @@ class LiveInput:
             return self._showing(waiting[-1], own_disparity=False)
         return None
 
-    def _take_views(self) -> None:
+    def _read_views(self) -> None:
         stamp = self._views.take(self._spare)
         if stamp is None:
             return
@@ -91,7 +91,7 @@ class LiveInput:
         self._frames.append(_Frame(stamp, self._spare))
         self._spare = (
             self._frames.pop(0).picture
-            if len(self._frames) > KEPT_FRAMES
+            if len(self._frames) > STORED_FRAMES
             else np.empty_like(self._spare)
         )
 

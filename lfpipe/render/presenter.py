@@ -82,31 +82,23 @@ class EyesSource:
 
     _lossless: bool = False
     """Frames wait for pictures, so no record is ever stale."""
-    _newest: TrackedEyes | None = None
+    newest: TrackedEyes | None = None
+    """The eyes of the newest record; None: of another viewer, or of none yet."""
     _stale_ns: int = MAX_STEP_NS
 
     def update(self, record: EyesRecord, stamp: Stamp, t_ns: int = 0) -> None:
         """Takes a newer record of the tracker, read at t_ns."""
-        old = self._newest
+        old = self.newest
         if old is not None and stamp.epoch == old.stamp.epoch:
             interval_ns = stamp.t_sensor_ns - old.stamp.t_sensor_ns
             self._stale_ns = max(MAX_STEP_NS, STALE_FRAMES * interval_ns)
-        self._newest = TrackedEyes(
+        self.newest = TrackedEyes(
             record, stamp, stamp.t_sensor_ns, waited_ns=max(t_ns - stamp.t_publish_ns, 0)
         )
 
-    @property
-    def has_face(self) -> bool:
-        """Whether the newest record is of a face."""
-        return self._newest is not None and bool(self._newest.record.face)
-
-    def forget(self) -> None:
-        """Forgets the newest record: another viewer looks."""
-        self._newest = None
-
     def at(self, t_ns: int, mouse: MouseLook | None = None) -> TrackedEyes | None:
         """The eyes for a picture that is begun at t_ns; None before the first record."""
-        newest = self._newest
+        newest = self.newest
         if mouse is not None and mouse.is_viewer:
             record, stamp = mouse.eyes(newest and newest.record, newest and newest.stamp, t_ns)
             return TrackedEyes(
@@ -194,12 +186,13 @@ class Listener:
         """Closes its outputs."""
 
 
-def take_known(
+def pop_timed(
     waiting: deque[Presentation], answers: Iterable[Presented], by: str, t_ns: int
 ) -> list[Presentation]:
-    """Takes the presentations, in order, whose display time is known at t_ns: their vblank, 0 if
-    the next picture replaced them before it, or their submission without a report within ANSWER_NS.
-    by: the protocol that reports; already set if a refresh repeated the picture on the screen.
+    """Removes the presentations, in order, whose display time is certain at t_ns: their vblank, 0
+    if the next picture replaced them before it, or their submission without a report within
+    ANSWER_NS. by: the protocol that reports; already set if a refresh repeated the picture on the
+    screen.
     """
     unanswered = {
         presentation.number: presentation
@@ -210,13 +203,13 @@ def take_known(
         if (presentation := unanswered.get(answer.serial)) is not None:
             presentation.t_presented_ns = answer.t_ns
             presentation.by = by if answer.t_ns else REPLACED
-    known = []
+    timed = []
     while waiting and (waiting[0].by or t_ns - waiting[0].t_handed_ns > ANSWER_NS):
-        known.append(presentation := waiting.popleft())
+        timed.append(presentation := waiting.popleft())
         if not presentation.by:
             presentation.t_presented_ns = presentation.t_handed_ns
             presentation.by = HANDOVER
-    return known
+    return timed
 
 
 class Drawing(NamedTuple):
@@ -296,7 +289,11 @@ class Presenter:
             t_handed_ns = now_ns()
         cost_ns = 0
         if drawing is not None:
-            t_handed_ns, handing_ns = self._hand_over(drawing, display_time.on_vblanks)
+            t_handing_ns, cpu_ns = t_handed_ns, time.process_time_ns()
+            t_handed_ns = self._display.show(*drawing, self._viewer.config.render.anaglyph)
+            handing_ns = t_handed_ns - t_handing_ns
+            if display_time.on_vblanks:  # a swap may wait for the screen, which is not work
+                handing_ns = min(handing_ns, time.process_time_ns() - cpu_ns)
             cost_ns = t_composed_ns - t_started_ns + handing_ns
         presentation = Presentation(
             seq=self._seq,
@@ -326,18 +323,8 @@ class Presenter:
             presentation.by = self._display.vblank_source
         self._waiting.append(presentation)
 
-    def _hand_over(self, drawing: Drawing, on_vblanks: bool) -> tuple[int, int]:
-        """(submission time, work) in ns."""
-        t_handing_ns = now_ns()
-        cpu_ns = time.process_time_ns() if on_vblanks else 0
-        t_handed_ns = self._display.show(*drawing, self._viewer.config.render.anaglyph)
-        handing_ns = t_handed_ns - t_handing_ns
-        if on_vblanks:  # a swap may wait for the screen, which is not work
-            handing_ns = min(handing_ns, time.process_time_ns() - cpu_ns)
-        return t_handed_ns, handing_ns
-
     def _report(self, presentation: Presentation) -> None:
-        """Notifies the listeners of a presentation whose display time is known."""
+        """Notifies the listeners of a presentation whose display time is certain."""
         planned = (
             presentation.composed and presentation.due_ns and presentation.by not in ("", HANDOVER)
         )
@@ -348,19 +335,19 @@ class Presenter:
         for listener in self._listeners:
             listener.presented(presentation)
 
-    def take_reports(self) -> None:
-        """Processes the window system's reports of pictures and vblanks."""
-        answers = self._display.presented()
-        if answers and isinstance(self._refresh, ScreenRefresh):
+    def report(self, waits: bool = True) -> None:
+        """Processes the window system's reports of pictures and vblanks. waits: for later ones of
+        pictures that were just submitted.
+        """
+        answers = self._display.presented() if waits else []
+        if isinstance(self._refresh, ScreenRefresh):
             self._refresh.vblanks(answers)
-        for presentation in take_known(
-            self._waiting, answers, self._display.vblank_source, now_ns()
-        ):
-            self._report(presentation)
+        t_ns = now_ns() + 2 * ANSWER_NS * (not waits)
+        for one in pop_timed(self._waiting, answers, self._display.vblank_source, t_ns):
+            self._report(one)
 
     def close(self) -> None:
         """Flushes pending presentation reports and closes the listeners."""
-        for presentation in take_known(self._waiting, (), "", now_ns() + 2 * ANSWER_NS):
-            self._report(presentation)
+        self.report(waits=False)
         for listener in self._listeners:
             listener.close()

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lfpipe.config import Config
+from lfpipe.config import Config, SessionOptions
 from lfpipe.config.quality import lowered
 from lfpipe.config.session_options import (
     Lossless,
@@ -89,43 +89,12 @@ def _overlay_view() -> "OverlayView":
     return overlay_view.OverlayView()
 
 
-class EyesInput:
-    """Reads the ring "eyes" into a source."""
-
-    def __init__(self, context: Context, source: EyesSource) -> None:
-        self._context = context
-        self.source = source
-        self._ring = context.input("eyes")
-        self._buffer = np.empty((), EYES)
-        self.pending = False
-        """Whether no picture was made yet for the newest record."""
-
-    def take(self) -> Stamp | None:
-        """Reads the newest record if there is one; returns its stamp."""
-        stamp = self._ring.take(self._buffer)
-        if stamp is None or isinstance(
-            self._context.options.viewer, MouseViewer
-        ):  # then the mouse wrote it, in this process
-            return None
-        self.leave_out()
-        self.pending = True
-        self.source.update(EyesRecord.of(self._buffer), stamp, now_ns())
-        return stamp
-
-    def leave_out(self) -> None:
-        """Counts the previous record as left out if no picture was made for it, because of a newer
-        one or a pause.
-        """
-        self._context.row["left_out"] += self.pending
-        self.pending = False
-
-
 class RenderStage:
     """The scene, its viewer and its display, under the configuration in force."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self._take_settings()
+        self._apply_settings()
         options = context.options
         self._lossless = isinstance(options.clock, Lossless)
         self._files = Files(context)
@@ -140,13 +109,13 @@ class RenderStage:
                 self._field = open_pack(Path(options.pack), self._config.scene.invert_depth)
         # without a clock, pictures depend on the frames alone
         on_frames = self._lossless or self._config.render.clock == "camera"
-        self._on_camera = on_frames and options.viewer.tracked
-        camera_hz = options.viewer.rate_hz
+        on_camera = on_frames and options.viewer.tracked
+        nominal_hz = self._requested_config.render.nominal_hz
         self._display = open_display(
             options.display,
             (self._field.width_px, self._field.height_px),
             f"lfpipe: {self._field.name}",
-            float(camera_hz if self._on_camera else self._requested_config.render.nominal_hz),
+            float(options.viewer.rate_hz if on_camera else nominal_hz),
             _overlay_view,
             str(self._config.screen.monitor),
             context.row["restarts"],
@@ -162,11 +131,14 @@ class RenderStage:
                 neutral_is_fixed=isinstance(options.viewer, MouseViewer | RecordedEyes),
                 canvas=self._make_canvas(),
             )
-        self._keep_choice()
+        self._store_choice()
         self._interactive = isinstance(options.display, Window | Plugin)
         self._serve_ns = self._rest_until_ns = 0
         self._viewer.set_width(self._display.width_mm())
-        self._eyes = EyesInput(context, EyesSource(self._lossless))
+        self._eyes = EyesSource(self._lossless)
+        self._eyes_ring = context.input("eyes")
+        self._record = np.empty((), EYES)
+        self._is_pending = False  # whether no picture was made yet for the newest record
         self._mouse = MouseLook(
             context.config,
             self._viewer,
@@ -176,12 +148,12 @@ class RenderStage:
         self._status = StatusRow(context.row, self._viewer, self._display)
         self._listeners = self._make_listeners()
         self._refresh: Refresh | None = None
-        if not self._on_camera:  # by the vblanks of the screen if it reports them, else even
+        if not on_camera:  # by the vblanks of the screen if it reports them, else even
             clock = ScreenRefresh if self._display.vblank_source else Refresh
             self._refresh = clock(self._config.render.nominal_hz, now_ns())
         self._presenter = Presenter(
             viewer=self._viewer,
-            source=self._eyes.source,
+            source=self._eyes,
             mouse=self._mouse,
             display=self._display,
             refresh=self._refresh,
@@ -189,12 +161,7 @@ class RenderStage:
             seq=context.row["seq"],
         )
         self._ui = Ui(
-            context,
-            self._viewer,
-            self._presenter,
-            self._mouse,
-            self._display,
-            self._files,
+            context, self._viewer, self._presenter, self._mouse, self._display, self._files
         )
         middle = ((self._field.rows - 1) / 2, (self._field.cols - 1) / 2)
         # builds tables and touches pages before the first picture is due
@@ -225,11 +192,11 @@ class RenderStage:
         """The GPU, by the configuration; a replay has one only if asked to, because its pictures
         are compared.
         """
-        asked = self._config.render.device
+        device = self._config.render.device
         thread = ThreadPoolExecutor(1, "gpu", run_on, (self._context.cores,))
-        gpu, words = open_painters("cpu" if self._lossless and asked == "auto" else asked, thread)
+        gpu, words = open_painters("cpu" if self._lossless and device == "auto" else device, thread)
         logger.info("drawing by the %s", words)
-        if asked == "gpu" and gpu is None:
+        if device == "gpu" and gpu is None:
             self._context.notify(f"render.device gpu: pictures are drawn by the {words}")
         self._context.row["gpu"] = gpu is not None
         return gpu
@@ -260,7 +227,7 @@ class RenderStage:
         )
         self._costs = None
 
-    def _take_settings(self) -> None:
+    def _apply_settings(self) -> None:
         """Applies the current configuration and options of the context."""
         self._requested_config = self._context.config
         self._options = options = self._context.options
@@ -318,14 +285,14 @@ class RenderStage:
         while self._wait_for_frame():
             if context.news:
                 self._take_news()
-            fresh = self._eyes.take()
-            self._take_live()
+            fresh = self._read_eyes()
+            self._read_live()
             if context.paused:
-                self._eyes.leave_out()
+                self._leave_out()
+            elif fresh is not None and self._lossless:
+                self._show(fresh.t_sensor_ns + int(self._config.replay.latency_ms * MS_NS))
             elif fresh is not None:
-                latency_ns = int(self._config.replay.latency_ms * MS_NS)
-                target_ns = now_ns() + self._presenter.cost_ns
-                self._show(fresh.t_sensor_ns + latency_ns if self._lossless else target_ns)
+                self._show(now_ns() + self._presenter.cost_ns)
             self._after_picture()
 
     def _run_on_refreshes(self, refresh: Refresh) -> None:
@@ -335,18 +302,18 @@ class RenderStage:
             if context.news:
                 self._take_news()
                 refresh.limit(self._config.render.rate_hz, self._config.render.nominal_hz)
-            if (fresh := self._eyes.take()) is not None:
-                if self._eyes.source.has_face:
+            if (fresh := self._read_eyes()) is not None:
+                if self._record["face"]:
                     self._presenter.changed_ns = now_ns()
                 refresh.add_eyes(fresh.source_seq, fresh.t_sensor_ns, now_ns())
-            self._take_live()
+            self._read_live()
             if now_ns() >= max(refresh.start_ns(), self._rest_until_ns):
                 if context.row["resting"]:
                     refresh.advance(now_ns())  # from refreshes that needed no picture
                 if not context.paused:
                     self._show(refresh.due_ns(), refresh.period_ns)
-                if (count := refresh.advance(now_ns())) and not context.row["resting"]:
-                    self._status.missed(count)
+                count = refresh.advance(now_ns())
+                self._status.missed(0 if context.row["resting"] else count)
             self._after_picture()
 
     def _wait_for_frame(self) -> bool:
@@ -383,14 +350,32 @@ class RenderStage:
             self._rest_until_ns = 0
         return goes_on
 
-    def _take_live(self) -> None:
-        """Takes the newest frame of a live scene."""
+    def _read_eyes(self) -> Stamp | None:
+        """Reads the newest record of the eyes if there is one; returns its stamp."""
+        stamp = self._eyes_ring.take(self._record)
+        if stamp is None or isinstance(
+            self._options.viewer, MouseViewer
+        ):  # then the mouse wrote it, in this process
+            return None
+        self._leave_out()
+        self._is_pending = True
+        self._eyes.update(EyesRecord.of(self._record), stamp, now_ns())
+        return stamp
+
+    def _leave_out(self) -> None:
+        """Counts the previous record as left out if no picture was made for it, because of a newer
+        one or a pause.
+        """
+        self._context.row["left_out"] += self._is_pending
+        self._is_pending = False
+
+    def _read_live(self) -> None:
+        """Reads the newest frame of a live scene."""
         if self._live is None:
             return
         last = self._viewer.last_viewpoints
         middle = (self._field.rows - 1) / 2, (self._field.cols - 1) / 2
-        positions = (middle,) if last is None else last[1:3]
-        field = self._live.take(positions, now_ns())
+        field = self._live.read((middle,) if last is None else last[1:3], now_ns())
         if field is not None:
             self._field = field
             self._viewer.replace(field)
@@ -398,7 +383,7 @@ class RenderStage:
 
     def _show(self, target_ns: int, refresh_ns: int = 0) -> None:
         on_vblanks = isinstance(self._refresh, ScreenRefresh)
-        self._eyes.pending = False
+        self._is_pending = False
         self._presenter.show(
             DisplayTime(target_ns, refresh_ns, self._device_latency_ns, on_vblanks)
         )
@@ -407,26 +392,23 @@ class RenderStage:
     def _take_news(self) -> None:
         """Applies changes of configuration, scene and quality, and commands."""
         context = self._context
-        asked = self._requested_config
+        requested, options = self._requested_config, self._options
         drawn = self._config, self._share
-        options = self._options
-        self._take_settings()
-        other_pack = (self._options.pack, self._options.complete) != (
+        self._apply_settings()
+        if (self._options.pack, self._options.complete, self._requested_config) != (
             options.pack,
             options.complete,
-        )
-        if other_pack or self._requested_config != asked:
-            completed = self._options.pack == options.pack and self._requested_config == asked
-            turned = self._requested_config.scene.invert_depth != asked.scene.invert_depth
+            requested,
+        ):
             with context.setting_up("opening the scene"):
-                self._open_scene(other_pack, completed, turned)
+                self._open_scene(options, requested)
             self._presenter.redraw()
         elif (self._config, self._share) != drawn:
             self._viewer.set_quality(self._config, self._share)
             self._presenter.redraw()
-        if self._options.viewer.source != options.viewer.source:  # the eyes come from another
-            viewer = self._options.viewer
-            self._eyes.source.forget()
+        viewer = self._options.viewer
+        if viewer.source != options.viewer.source:  # the eyes come from another
+            self._eyes.newest = None
             if self._mouse.ring is not None:
                 self._mouse.ring.close()
             self._mouse.exchange(isinstance(viewer, MouseViewer))
@@ -437,36 +419,36 @@ class RenderStage:
             listener.set_options(self._options)
         context.ack_config()
         for word, message in context.commands():
-            if word == "recentre":
-                if not self._mouse.recentre():
-                    self._viewer.recentre()
-                self._presenter.redraw()
-                context.answer(message)
-            elif word == "look":
-                self._mouse.move(Pointer(x=message["x"], y=message["y"]), now_ns())
-                self._presenter.redraw()
-                context.answer(message)
-            elif word == "action":
-                context.answer(
-                    message, text=self._ui.act(message["name"], message.get("value", 0.0))
-                )
-            elif word == "record" and self._mouse.recorder is not None:
-                self._mouse.recorder.handle(message)
-            elif word == "trace":
-                self._check_trace(message)
-            elif word == "loading":
-                self._ui.scenes.report(message)
+            match word:
+                case "recentre":
+                    if not self._mouse.recentre():
+                        self._viewer.recentre()
+                    self._presenter.redraw()
+                    context.answer(message)
+                case "look":
+                    self._mouse.move(Pointer(x=message["x"], y=message["y"]), now_ns())
+                    self._presenter.redraw()
+                    context.answer(message)
+                case "action":
+                    text = self._ui.act(message["name"], message.get("value", 0.0))
+                    context.answer(message, text=text)
+                case "record" if self._mouse.recorder is not None:
+                    self._mouse.recorder.handle(message)
+                case "trace":
+                    context.answer(message, self._trace_error(message))
+                case "loading":
+                    self._ui.scenes.report(message)
         for answer in context.answers():
             self._ui.handle(answer)
 
-    def _check_trace(self, message: Message) -> None:
-        """Answers whether a trace can be written, which an option then begins."""
+    def _trace_error(self, message: Message) -> UserError | None:
+        """Why a trace, which an option then begins, cannot be written."""
         try:
             with self._context.busy_with("opening a trace"):
                 check_output(Path(message["path"]), [Path(path) for path in message["inputs"]])
-            self._context.answer(message)
         except UserError as error:
-            self._context.answer(message, error)
+            return error
+        return None
 
     def _follow_mouse(self) -> None:
         """Records the mouse where it is the viewer; capture records cameras."""
@@ -474,30 +456,29 @@ class RenderStage:
             frame_px = self._context.config.camera.frame_px
             self._mouse.recorder = Recorder(self._context, frame_px)
 
-    def _open_scene(self, other_pack: bool, completed: bool, turned: bool) -> None:
-        """Shows the scene of the current settings.
-
-        other_pack: it was packed again or further. completed: only its disparity is new. turned:
-        depth was inverted.
-        """
+    def _open_scene(self, before: SessionOptions, requested: Config) -> None:
+        """Shows the scene of the current settings. before, requested: those until now."""
         options = self._options
         invert_depth = self._requested_config.scene.invert_depth
-        if other_pack:
+        is_packed_anew = (options.pack, options.complete) != (before.pack, before.complete)
+        if is_packed_anew:
             self._live = None
             self._field = open_pack(Path(options.pack), invert_depth)
             logger.info("scene %s%s", options.pack, "" if options.complete else ", views only")
-        elif turned and self._live is None:  # the depth of a live scene is turned where it is read
+        elif invert_depth != requested.scene.invert_depth and self._live is None:
+            # the depth of a live scene is turned where it is read
             self._field = shown_as(self._field, invert_depth)
-        self._keep_choice()
-        self._viewer.set(self._field, self._config, self._share, completed)
-        if other_pack:
+        self._store_choice()
+        only_disparity_is_new = options.pack == before.pack and self._requested_config == requested
+        self._viewer.set(self._field, self._config, self._share, only_disparity_is_new)
+        if is_packed_anew:
             self._measure_costs()
             # the old compositor's parts refer to one another, and to the maps of the pack
             gc.unfreeze()
             gc.collect()
             gc.freeze()
 
-    def _keep_choice(self) -> None:
+    def _store_choice(self) -> None:
         """Stores the depth order that the user chose, of a scene that is not live; a replay only
         applies it.
         """
@@ -515,12 +496,11 @@ class RenderStage:
         if self._interactive or now_ns() >= self._serve_ns:
             self._serve_ns = now_ns() + BEAT_NS
             self._ui.serve()
-        self._presenter.take_reports()
+        self._presenter.report()
         self._report_costs()
         self._report_gpu()
-        # a ring has one writer
         waits = self._mouse.ring is None and isinstance(self._options.viewer, MouseViewer)
-        if waits and self._context.table.rows[TRACK]["state"] in ENDED:
+        if waits and self._context.table.rows[TRACK]["state"] in ENDED:  # a ring has one writer
             self._mouse.ring = self._context.output("eyes")
         if self._mouse.recorder is not None:
             self._mouse.recorder.report()

@@ -88,7 +88,7 @@ class Input:
         self.views.slots.append((self.stamp(k), self.frame))
         if disparity_of is not None:
             self.disparity.slots.append((self.stamp(disparity_of), self.record))
-        return self.input.take(MIDDLE, self.stamp(k).t_publish_ns + later_ns)
+        return self.input.read(MIDDLE, self.stamp(k).t_publish_ns + later_ns)
 
 
 def test_live_input_shows_a_frame_when_its_disparity_is_there() -> None:

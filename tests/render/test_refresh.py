@@ -13,7 +13,7 @@ from lfpipe.host.presentation import Presented
 from lfpipe.render.display.refresh import (
     ScreenRefresh,
 )
-from lfpipe.render.presenter import ANSWER_NS, HANDOVER, REPLACED, Presentation, take_known
+from lfpipe.render.presenter import ANSWER_NS, HANDOVER, REPLACED, Presentation, pop_timed
 from tests.render import rendered
 from tests.render.simulated_screen import SimulatedScreen, shown
 
@@ -41,11 +41,11 @@ def known(
 ) -> list[tuple[int, int, str]]:
     return [
         (one.t_handed_ns, one.t_presented_ns, one.by)
-        for one in take_known(waiting, answers, "vblanks", t_ns)
+        for one in pop_timed(waiting, answers, "vblanks", t_ns)
     ]
 
 
-def test_take_known_waits_for_a_vblank_in_order() -> None:
+def test_pop_timed_waits_for_a_vblank_in_order() -> None:
     waiting = deque((presentation(1, 100), presentation(0, 200, "vblanks"), presentation(2, 300)))
     assert known(waiting, [Presented(2, 350, 0)], 360) == []
     assert known(waiting, [Presented(1, 150, 0)], 370) == [
@@ -58,7 +58,7 @@ def test_take_known_waits_for_a_vblank_in_order() -> None:
     )
 
 
-def test_take_known_of_replaced_and_unanswered_pictures() -> None:
+def test_pop_timed_of_replaced_and_unanswered_pictures() -> None:
     waiting = deque((presentation(1, 100), presentation(2, 200)))
     assert known(waiting, [Presented(1, 0, 0)], 300) == [(100, 0, REPLACED)]
     assert known(waiting, [], 200 + ANSWER_NS + 1) == [(200, 200, HANDOVER)]

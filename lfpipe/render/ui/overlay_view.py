@@ -95,7 +95,7 @@ class ItemPanel(Panel):
 
     cells: list[Cell] = attrs.field(factory=list)
     """Items with their rectangles on the surface."""
-    places: dict[int, pygame.Rect] = attrs.field(factory=dict)
+    rects: dict[int, pygame.Rect] = attrs.field(factory=dict)
     """Of a menu, the rectangles of its items by number."""
     bare: frozenset[str] = frozenset()
     """Names of a bar's entries without words."""
@@ -111,13 +111,13 @@ class ItemPanel(Panel):
         return self.surface.get_rect(topleft=self.at)
 
 
-def _groove(rect: pygame.Rect) -> pygame.Rect:
+def slider_groove(rect: pygame.Rect) -> pygame.Rect:
     """Where a slider moves in its item's rectangle."""
     return rect.inflate(-0.2 * rect.width, 0)
 
 
 def _draw_slider(surface: pygame.Surface, item: Item, rect: pygame.Rect, y: int, unit: int) -> None:
-    groove = _groove(rect)
+    groove = slider_groove(rect)
     at = groove.left + round((item.slider or 0.0) * groove.width)
     line = max(3, unit // 2)
     pygame.draw.line(surface, OFF, (groove.left, y), (groove.right, y), line)
@@ -164,12 +164,11 @@ def _draw_button(
         surface.blit(label, label.get_rect(midtop=(rect.centerx, rect.top + unit // 2)))
         _draw_slider(surface, item, rect, rect.bottom - 3 * unit // 2, unit)
         return
-    key = badge(item.key, text_px, unit) if item.key else None
-    wide = label.get_width() + (key.get_width() + unit if key else 0)
-    place = label.get_rect(midleft=(rect.centerx - wide // 2, rect.centery))
-    surface.blit(label, place)
-    if key is not None:
-        surface.blit(key, key.get_rect(midleft=(place.right + unit, rect.centery)))
+    parts = [label, *([badge(item.key, text_px, unit)] if item.key else [])]
+    x = rect.centerx - (sum(part.get_width() + unit for part in parts) - unit) // 2
+    for part in parts:
+        surface.blit(part, part.get_rect(midleft=(x, rect.centery)))
+        x += part.get_width() + unit
 
 
 def _button_rects(items: Sequence[Item], text_px: int, room_px: int) -> list[pygame.Rect]:
@@ -178,9 +177,9 @@ def _button_rects(items: Sequence[Item], text_px: int, room_px: int) -> list[pyg
     sizes = list[Place]()
     for item in items:
         key = badge(item.key, text_px, unit).get_width() + unit if item.key else 0
-        label = font(text_px, item.main).size(item.label)[0]
+        wide = font(text_px, item.main).size(item.label)[0] + key + 4 * unit
         least = 18 * unit * (item.slider is not None)
-        sizes.append((max(label + key + 4 * unit, least), CONTROL_UNITS * unit))
+        sizes.append((max(wide, least), CONTROL_UNITS * unit))
     return _pages(sizes, (room_px, math.inf), unit)[0]
 
 
@@ -207,7 +206,7 @@ def bar_panel(items: tuple[Item, ...], lit: Highlight, window_px: Place, text_px
         k > 0 and GROUP_OF[item.event.name] != GROUP_OF[items[k - 1].event.name]
         for k, item in enumerate(items)
     ]
-    rest = room - 2 * unit * (1 + sum(starts))
+    free_px = room - 2 * unit * (1 + sum(starts))
     for words in (USED, *(USED[:count] for count in range(len(USED), -1, -1))):
         beside = words is USED
         worded = [item.event.name in words for item in items]
@@ -215,11 +214,11 @@ def bar_panel(items: tuple[Item, ...], lit: Highlight, window_px: Place, text_px
             _bar_px(item, word, beside, text_px, unit)
             for item, word in zip(items, worded, strict=True)
         ]
-        if sum(widths) <= rest:
+        if sum(widths) <= free_px:
             break
-    squeezed = min(1.0, max(ICON_SHARE, rest / sum(widths)))
-    widths = [int(squeezed * width) for width in widths]
-    side = int(squeezed * CONTROL_UNITS * unit) + (any(worded) and not beside) * unit
+    share = min(1.0, max(ICON_SHARE, free_px / sum(widths)))
+    widths = [int(share * width) for width in widths]
+    side = int(share * CONTROL_UNITS * unit) + (any(worded) and not beside) * unit
     cells = list[Cell]()
     lines = list[pygame.Rect]()
     x = y = unit
@@ -238,9 +237,12 @@ def bar_panel(items: tuple[Item, ...], lit: Highlight, window_px: Place, text_px
         surface.fill(BORDER, line)
     for (item, rect), word in zip(cells, worded, strict=True):
         _draw_entry(surface, text_px, item, rect, lit, word, beside, unit)
-    at = ((window_px[0] - width) // 2, window_px[1] - surface.get_height() - EDGE_PX)
-    bare = frozenset(item.event.name for item in items) - set(words)
-    return ItemPanel(surface=surface, at=at, cells=cells, bare=bare)
+    return ItemPanel(
+        surface=surface,
+        at=((window_px[0] - width) // 2, window_px[1] - surface.get_height() - EDGE_PX),
+        cells=cells,
+        bare=frozenset(item.event.name for item in items) - set(words),
+    )
 
 
 def _draw_entry(
@@ -278,9 +280,8 @@ def tip_panel(item: Item, over: tuple[int, int], window_px: Place, text_px: int)
     """The name of an entry of the bar and its key, or why it is off. over: the middle of its upper
     edge.
     """
-    key = f" ({item.key})" if item.key else ""
-    tip = Notice(item.label + key + f": {item.more}" * item.off)
-    panel = notice_panel(tip, over[1] - GAP_PX, False, window_px, text_px)
+    tip = item.label + f" ({item.key})" * bool(item.key) + f": {item.more}" * item.off
+    panel = notice_panel(Notice(tip), over[1] - GAP_PX, False, window_px, text_px)
     most_px = window_px[0] - EDGE_PX - panel.rect.width
     x = min(max(over[0] - panel.rect.width // 2, EDGE_PX), most_px)
     return attrs.evolve(panel, at=(x, panel.rect.top))
@@ -318,16 +319,15 @@ def menu_panel(
     pages = _pages(sizes, room, unit)
     starts = list(accumulate(map(len, pages), initial=0))
     page = bisect(starts, selected) - 1
-    places = {
+    rects = {
         number: rect.move(pad, head_px) for number, rect in enumerate(pages[page], starts[page])
     }
     used_px = max(rect.bottom for rect in pages[0]) if len(pages) == 1 else room[1]
     surface = panel_surface(width, head_px + used_px + pad, unit)
     surface.blit(title, title.get_rect(midleft=(pad, unit // 2 + side // 2)))
-    for number, rect in places.items():
-        item = menu.items[number]
-        draw = _draw_row if item.row else _draw_tile
-        draw(surface, text_px, item, rect, lit, number == selected, unit)
+    for number, rect in rects.items():
+        draw = _draw_row if menu.items[number].row else _draw_tile
+        draw(surface, text_px, menu.items[number], rect, lit, number == selected, unit)
     buttons = [_cross(width, unit)]
     if len(pages) > 1:
         words = written(f"{page + 1} / {len(pages)}", text_px, SECOND)
@@ -339,10 +339,10 @@ def menu_panel(
         ]
     for item, rect in buttons:
         _draw_button(surface, text_px, item, rect, lit, unit)
-    cells = [(menu.items[k], rect) for k, rect in places.items() if menu.items[k].event.name]
+    cells = [(menu.items[k], rect) for k, rect in rects.items() if menu.items[k].event.name]
     x, y = ((size - side) // 2 for size, side in zip(window_px, surface.get_size(), strict=True))
     return ItemPanel(
-        surface=surface, at=(x, y + top_px // 2), cells=[*cells, *buttons], places=places
+        surface=surface, at=(x, y + top_px // 2), cells=[*cells, *buttons], rects=rects
     )
 
 
@@ -367,8 +367,8 @@ def _draw_row(
         surface.blit(drawing, drawing.get_rect(midleft=(x, rect.centery)))
         x += 5 * unit
     if item.picture is not None:
-        space = pygame.Rect(x, rect.top + unit, 10 * unit, rect.height - 2 * unit)
-        _draw_picture(surface, item.picture, space)
+        frame = pygame.Rect(x, rect.top + unit, 10 * unit, rect.height - 2 * unit)
+        _draw_picture(surface, item.picture, frame)
         x += 12 * unit
     for text, colour, bold in ((item.label, TEXT, True), (item.more, SECOND, False)):
         words = written(_shortened(text, text_px, rect.right - x - unit), text_px, colour, bold)
@@ -378,11 +378,11 @@ def _draw_row(
 
 def _shortened(text: str, text_px: int, room_px: int) -> str:
     """Of a longer text, both ends, because names of files often differ at the end."""
-    kept = len(text)
     short = text
-    while kept > 2 and font(text_px, True).size(short)[0] > room_px:
-        kept -= 1
-        short = f"{text[: kept - kept // 2]}…{text[-(kept // 2) :]}"
+    for count in range(len(text) - 1, 1, -1):
+        if font(text_px, True).size(short)[0] <= room_px:
+            break
+        short = f"{text[: count - count // 2]}…{text[-(count // 2) :]}"
     return short
 
 
@@ -433,16 +433,17 @@ def _block(lines: Sequence[str], text_px: int, key_px: int, room_px: int) -> pyg
     rows = list[tuple[pygame.Surface | None, pygame.Surface]]()
     for line in lines:
         key, *words = drawable(line).split("\t")
-        if len(words) == 2:
-            name = written(key, text_px, SECOND)
-            rows.append((name, _value(words[0], float(words[1]), text_px, unit)))
-        else:
-            is_heading = has_keys and not words
-            colour = ACCENT if is_heading else TEXT
-            drawn = written(
-                words[0] if words else key, text_px, colour, is_heading, max(1, room_px - key_px)
-            )
-            rows.append((badge(key, text_px, unit) if words else None, drawn))
+        wrap_px = max(1, room_px - key_px)
+        match words:
+            case [amount, share]:
+                value = _value(amount, float(share), text_px, unit)
+                rows.append((written(key, text_px, SECOND), value))
+            case [what]:
+                drawn = written(what, text_px, TEXT, wrap_px=wrap_px)
+                rows.append((badge(key, text_px, unit), drawn))
+            case _:
+                colour = ACCENT if has_keys else TEXT
+                rows.append((None, written(key, text_px, colour, has_keys, wrap_px)))
     heights = [max(text.get_height(), key.get_height() if key else 0) + gap for key, text in rows]
     width = max(text.get_width() + (key_px if key else 0) for key, text in rows)
     surface = pygame.Surface((width, sum(heights)), pygame.SRCALPHA)
@@ -514,15 +515,15 @@ def text_panel(
         wrap_px = int(room[0] - 2 * pad - aside_px - (cols - 1) * COLUMN_UNITS * unit) // cols
         wrap_px = max(wrap_px, key_px + COLUMN_LETTERS * size_px)
         blocks = [_block(part, size_px, key_px, wrap_px) for part in sections]
-        places = _columns(blocks, cols, unit)
-        body = pygame.Rect.unionall(places[0], places[1:])
+        areas = _columns(blocks, cols, unit)
+        body = pygame.Rect.unionall(areas[0], areas[1:])
         rects = _button_rects(text.items, size_px, round(room[0] - 2 * pad))
         row = pygame.Rect(0, 0, 0, -unit).unionall(rects)
         width = max(body.width + aside_px, title.get_width() + cross_px, row.width) + 2 * pad
         height = top + body.height + unit + row.height + pad
         if width <= room[0] and height <= room[1]:
             break
-    blits = [(block, place.move(pad, top)) for block, place in zip(blocks, places, strict=True)]
+    blits = [(block, area.move(pad, top)) for block, area in zip(blocks, areas, strict=True)]
     cells = [
         (item, rect.move(pad, height - pad - row.height))
         for item, rect in zip(text.items, rects, strict=True)
@@ -544,9 +545,9 @@ def text_panel(
 
 
 def _key_px(key: Sequence[str], text_px: int, unit: int) -> int:
-    """The width of a key, or of the name of a value."""
-    is_value = len(key) == 3
-    return font(text_px).size(key[0])[0] if is_value else badge(key[0], text_px, unit).get_width()
+    """The width of a key, or of the name of a value, which has three parts."""
+    name = key[0]
+    return badge(name, text_px, unit).get_width() if len(key) < 3 else font(text_px).size(name)[0]
 
 
 @lru_cache(8)
@@ -582,8 +583,8 @@ def notice_panel(
     ]
     for item, rect in cells:
         _draw_button(surface, text_px, item, rect, lit, unit)
-    top_px = y_px if below else y_px - height
-    return ItemPanel(surface=surface, at=((window_px[0] - width) // 2, top_px), cells=cells)
+    at = (window_px[0] - width) // 2, y_px if below else y_px - height
+    return ItemPanel(surface=surface, at=at, cells=cells)
 
 
 def _stacked(parts: Sequence[pygame.Surface], unit: int, aside_px: int = 0) -> pygame.Surface:
@@ -671,7 +672,7 @@ class OverlayView:
     _over: Cell | None = None  # what the pointer is on
     _pressed: bool = False  # whether that is pressed
     _used: Event = NO_EVENT  # pressed, and the pointer is still there: it needs no tip
-    _held: Cell | None = None  # a slider
+    _slider: Cell | None = None  # that is dragged
     _bar: ItemPanel | None = None  # while it is shown
     _pointer_px: Place = (-1, -1)
     _bar_from_s: float = math.inf  # when the bar appears, for BAR_S
@@ -693,8 +694,7 @@ class OverlayView:
     @property
     def has_pointer(self) -> bool:
         """Whether the pointer has a target."""
-        has_page = self._overlay.menu is not None or self._bar_from_s < math.inf
-        return has_page or bool(self._overlay.items)
+        return bool(self._overlay.menu or self._overlay.items) or self._bar_from_s < math.inf
 
     def _highlight_of(self, *items: Item) -> Highlight:
         """What is lit of some items: the others need not be drawn again."""
@@ -714,7 +714,7 @@ class OverlayView:
             bar = bar_panel(overlay.bar, self._highlight_of(*overlay.bar), window_px, text_px)
         if bar is None or now_s > self._bar_from_s + BAR_S:
             self._bar_from_s = math.inf
-        is_used = self._held is not None or bool(self._bar and self._bar.rect.collidepoint(at))
+        is_used = self._slider is not None or bool(self._bar and self._bar.rect.collidepoint(at))
         is_awake = bar is not None and (now_s >= self._bar_from_s or is_used)
         if is_awake and is_used:
             self._bar_from_s = now_s
@@ -745,30 +745,30 @@ class OverlayView:
             if notice.items and overlay.menu is not None:  # one question at a time
                 continue
             lit = self._highlight_of(*notice.items)
-            at_top = bool(notice.items) and not overlay.lines
-            y_px = below_px if at_top else bottom_px
-            notices.append(notice_panel(notice, y_px, at_top, window_px, text_px, lit))
-            if at_top:
+            if notice.items and not overlay.lines:
+                notices.append(notice_panel(notice, below_px, True, window_px, text_px, lit))
                 below_px = notices[-1].rect.bottom + GAP_PX
             else:
+                notices.append(notice_panel(notice, bottom_px, False, window_px, text_px, lit))
                 bottom_px = notices[-1].rect.top - GAP_PX
         self._menu = None
         if overlay.menu is not None:
             lit = self._highlight_of(CLOSE, *TURNS, *overlay.menu.items)
             corners = corners[:1] if overlay.recording else []
             over_px = max((corner.rect.bottom for corner in corners), default=0)
-            area_px = window_px[0], bar_top_px
-            self._menu = menu_panel(overlay.menu, self._at, area_px, text_px, lit, over_px)
+            self._menu = menu_panel(
+                overlay.menu, self._at, (window_px[0], bar_top_px), text_px, lit, over_px
+            )
             pages.append(self._menu)
         self._panels = [*pages, *notices, *corners]
         self._edge_px = bar_top_px if is_awake else round((1 - BAR_EDGE) * window_px[1])
-        if bar is not None and is_awake:
-            self._panels.append(bar)
-            if self._over is not None and self._over[0].event != self._used:
-                item, rect = self._over
-                if item in overlay.bar and (item.off or item.event.name in bar.bare):
-                    tip = tip_panel(item, (rect.centerx, bar_top_px), window_px, text_px)
-                    self._panels.append(tip)
+        if self._bar is not None:
+            self._panels.append(self._bar)
+            item, rect = self._over or (CLOSE, pygame.Rect(0, 0, 0, 0))
+            is_bare = item in overlay.bar and (item.off or item.event.name in self._bar.bare)
+            if is_bare and item.event != self._used:
+                tip = tip_panel(item, (rect.centerx, bar_top_px), window_px, text_px)
+                self._panels.append(tip)
         return self._panels
 
     def _corners(self, is_awake: bool, window_px: Place, text_px: int) -> list[ItemPanel]:
@@ -776,13 +776,15 @@ class OverlayView:
         overlay = self._overlay
         panels = list[ItemPanel]()
         dot = AMBER if overlay.viewer == VIEWERS["demo"] else ACCENT
+        y = EDGE_PX
         for text, colour in ((overlay.recording, RED), (overlay.viewer * is_awake, dot)):
             if text:
-                top_px = panels[-1].rect.bottom + GAP_PX if panels else EDGE_PX
-                panels.append(dot_panel(text, colour, top_px, window_px, text_px))
+                panels.append(dot_panel(text, colour, y, window_px, text_px))
+                y = panels[-1].rect.bottom + GAP_PX
         if overlay.step or (overlay.scene and (is_awake or overlay.caption)):
-            step = overlay.step, overlay.progress
-            panels.append(scene_panel(overlay.scene, *step, window_px, text_px))
+            panels.append(
+                scene_panel(overlay.scene, overlay.step, overlay.progress, window_px, text_px)
+            )
         return panels
 
     def key(self, key: str) -> Event | None:
@@ -791,33 +793,32 @@ class OverlayView:
         """
         menu = self._overlay.menu
         if key == "escape":
-            covered = menu is not None or bool(self._overlay.lines)
-            return Event("close" if covered else "leave-fullscreen")
+            return Event("close" if menu or self._overlay.lines else "leave-fullscreen")
         if menu is not None and self._menu is not None:
             if key in MOVES:
-                self._at = self._moved(menu, self._menu.places, key)
+                self._at = self._moved(menu, self._menu.rects, key)
                 return None
             if key == "enter":
                 return menu.items[self._at].event
         return Event(KEY_ACTIONS[key]) if key in KEY_ACTIONS else None
 
-    def _moved(self, menu: Menu, places: dict[int, pygame.Rect], key: str) -> int:
+    def _moved(self, menu: Menu, rects: dict[int, pygame.Rect], key: str) -> int:
         """The number of the item that a key selects."""
         usable = [number for number, item in enumerate(menu.items) if item.event.name]
         step = MOVES[key]
         if key in ("left", "right"):
             return usable[(usable.index(self._at) + step) % len(usable)]
-        here = places.get(self._at, pygame.Rect(0, 0, 0, 0))  # another page is not drawn yet
+        here = rects.get(self._at, pygame.Rect(0, 0, 0, 0))  # another page is not drawn yet
         beyond = [
             (abs(rect.top - here.top), abs(rect.left - here.left), number)
-            for number, rect in places.items()
+            for number, rect in rects.items()
             if number in usable and (rect.top - here.top) * step > 0
         ]
         if beyond and key in ("up", "down"):
             return min(beyond)[2]
         others = [number for number in usable if (number - self._at) * step > 0]
-        away = [number for number in others if number not in places] or others
-        return (away[0] if step > 0 else away[-1]) if away else self._at
+        elsewhere = [number for number in others if number not in rects] or others or [self._at]
+        return elsewhere[0 if step > 0 else -1]
 
     def mouse(self, event: pygame.Event, at_px: Place) -> Event | None:
         """The event of the mouse or a touch. at_px: the pointer."""
@@ -828,9 +829,8 @@ class OverlayView:
         self._pointer_px = at_px
         at_once = at_px[1] >= self._edge_px or event.type in PRESSED_OR_NOT
         self._bar_from_s = time.monotonic() + (0.0 if at_once else REST_S)
-        self._over = next(
-            filter(None, (panel.cell(at_px) for panel in reversed(self._panels))), None
-        )
+        cells = (panel.cell(at_px) for panel in reversed(self._panels))
+        self._over = next(filter(None, cells), None)
         lit = self._over[0].event if self._over is not None else NO_EVENT
         is_down = event.type == pygame.MOUSEBUTTONDOWN or (
             self._pressed and event.type == pygame.MOUSEMOTION
@@ -839,7 +839,7 @@ class OverlayView:
         if is_down or lit != self._used:
             self._used = lit if is_down else NO_EVENT
         if event.type == pygame.MOUSEBUTTONUP:
-            self._held = None
+            self._slider = None
         elif event.type == pygame.MOUSEBUTTONDOWN and event.button == 1 and self._over is not None:
             item = self._over[0]
             if item.off:
@@ -848,10 +848,10 @@ class OverlayView:
                 return self.key(item.event.name)
             if item.slider is None:
                 return item.event
-            self._held = self._over
-        if self._held is None:
+            self._slider = self._over
+        if self._slider is None:
             return None
-        item, rect = self._held
-        groove = _groove(rect)
+        item, rect = self._slider
+        groove = slider_groove(rect)
         value = min(max((at_px[0] - groove.left) / groove.width, 0.0), 1.0)
         return attrs.evolve(item.event, value=round(value, 2))
