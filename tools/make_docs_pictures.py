@@ -44,10 +44,10 @@ from lfpipe.live.records import pairs_in_need, views_of
 from lfpipe.monitor.monitor import screen_view
 from lfpipe.monitor.session_reader import Follower, Sample
 from lfpipe.render.display.display import Overlay
+from lfpipe.render.display.keys import HELP, bar_items
+from lfpipe.render.display.look import NO_HIGHLIGHT
+from lfpipe.render.display.panels import bar_panel, menu_panel, text_panel
 from lfpipe.render.display.window_system import FONT, pygame
-from lfpipe.render.ui.keys import HELP, bar_items
-from lfpipe.render.ui.look import NO_HIGHLIGHT
-from lfpipe.render.ui.overlay_view import bar_panel, menu_panel, text_panel
 from lfpipe.render.ui.pages import glasses_menu
 from lfpipe.render.ui.scenes import THUMBNAILS
 from lfpipe.scene.demo_drawing import draw_view

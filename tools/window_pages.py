@@ -18,9 +18,9 @@ import numpy as np
 
 from lfpipe.config import Render, Scene
 from lfpipe.render.display.display import Event, Item, Menu, Overlay
+from lfpipe.render.display.keys import HELP
+from lfpipe.render.display.panels import EDGE_PX, ItemPanel, menu_panel, text_panel, top_px
 from lfpipe.render.display.window_system import pygame
-from lfpipe.render.ui.keys import HELP
-from lfpipe.render.ui.overlay_view import EDGE_PX, ItemPanel, menu_panel, text_panel, top_px
 from lfpipe.render.ui.pages import Distance, calibration_page, glasses_menu, instructions
 from lfpipe.render.ui.scenes import OPEN
 from lfpipe.scene.pack import DEMOS, cache_dir, demo_scene

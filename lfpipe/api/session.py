@@ -26,7 +26,7 @@ from lfpipe.host import signals
 from lfpipe.host.files import exists
 from lfpipe.host.worker import NULL, Child, python
 from lfpipe.monitor.session_reader import Watch
-from lfpipe.render.display.open_display import has_display
+from lfpipe.render.display.display import has_display
 from lfpipe.scene.lightfield import LightField
 from lfpipe.supervisor.rundir import find
 from lfpipe.track.eye_tracker import HeadEstimator

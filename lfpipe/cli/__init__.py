@@ -130,7 +130,7 @@ def cli(context: click.Context, verbose: int) -> int | None:
     set_up(verbose)
     if context.invoked_subcommand is not None:
         return None
-    from lfpipe.render.display.open_display import has_display
+    from lfpipe.render.display.display import has_display
 
     if not has_display():
         raise click.exceptions.NoArgsIsHelpError(context)

@@ -36,7 +36,7 @@ from lfpipe.live.field import FAST_FRAMES, Estimator
 from lfpipe.live.records import pairs_in_need, two_cameras
 from lfpipe.monitor.doctor import checks, write_report
 from lfpipe.monitor.session_reader import snapshot
-from lfpipe.render.display.open_display import has_display
+from lfpipe.render.display.display import has_display
 from lfpipe.render.ui.pages import FARTHEST_CM, NEAREST_CM, SEAT_MM
 from lfpipe.scene.pack import cache_dir, demo_scene
 from lfpipe.supervisor import rundir

@@ -47,11 +47,11 @@ from lfpipe.files.safe_files import check_output
 from lfpipe.host.files import exists
 from lfpipe.host.worker import Report, has_gpu, serve
 from lfpipe.live.field import LiveViews, summary_of
-from lfpipe.render.display.monitors import detect_monitors, device_latency_doubt
-from lfpipe.render.display.open_display import check_display, has_display, parse_display
+from lfpipe.render.display.display import check_display, has_display, parse_display
+from lfpipe.render.display.window_system import detect_monitors, device_latency_doubt
 from lfpipe.render.plan import Plan, make_plan
 from lfpipe.render.synthesis.compositor import settings_for_scene
-from lfpipe.render.ui.notices import GLASSES
+from lfpipe.render.ui.settings import GLASSES
 from lfpipe.scene.lightfield import HARDLY_FIT, LightField
 from lfpipe.scene.pack import (
     DEMOS,

@@ -25,7 +25,7 @@ from lfpipe.errors import UserError, redacted
 from lfpipe.files.safe_files import PRIVATE, check_output, write_output
 from lfpipe.host.files import is_missing
 from lfpipe.host.worker import install_command, usable_cores, versions
-from lfpipe.render.display.open_display import has_display
+from lfpipe.render.display.display import has_display
 from lfpipe.scene.pack import prepare_cache
 from lfpipe.supervisor import rundir
 from lfpipe.supervisor.session import try_session
@@ -95,8 +95,7 @@ def sdl() -> Check:
         # CI and servers replay, record and measure without a screen
         return Check("display", True, "no screen here", remedy)
     try:
-        from lfpipe.render.display.monitors import detect_monitors
-        from lfpipe.render.display.window_system import drawn_by, pygame
+        from lfpipe.render.display.window_system import detect_monitors, drawn_by, pygame
 
         driver, monitors = detect_monitors()
     except Exception as error:  # the user needs to see any SDL error

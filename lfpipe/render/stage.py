@@ -20,7 +20,6 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -42,9 +41,8 @@ from lfpipe.files.safe_files import check_output
 from lfpipe.host.files import readable
 from lfpipe.host.worker import run_on
 from lfpipe.plugins import IN_USE, blaming
-from lfpipe.render.display.display import Pointer
+from lfpipe.render.display.display import Pointer, open_display
 from lfpipe.render.display.file_display import save
-from lfpipe.render.display.open_display import open_display
 from lfpipe.render.display.refresh import Refresh, ScreenRefresh
 from lfpipe.render.listeners import (
     LiveRow,
@@ -73,20 +71,10 @@ from lfpipe.transport.control import Message
 from lfpipe.transport.ring import MS_NS, SECOND_NS, Stamp, now_ns
 from lfpipe.transport.status import ENDED
 
-if TYPE_CHECKING:
-    from lfpipe.render.ui.overlay_view import OverlayView
-
 logger = logging.getLogger(__name__)
 TRACK = "track"  # the stage that writes the ring "eyes" unless the mouse is the viewer
 # without a change, refreshes need no picture; the viewpoint is checked this often for the next
 REST_AFTER_NS, REST_NS = SECOND_NS, SECOND_NS // 2
-
-
-def _overlay_view() -> "OverlayView":
-    """Draws the overlay in a window; a session without one imports no toolkit."""
-    from lfpipe.render.ui import overlay_view
-
-    return overlay_view.OverlayView()
 
 
 class RenderStage:
@@ -116,7 +104,6 @@ class RenderStage:
             (self._field.width_px, self._field.height_px),
             f"lfpipe: {self._field.name}",
             float(options.viewer.rate_hz if on_camera else nominal_hz),
-            _overlay_view,
             str(self._config.screen.monitor),
             context.row["restarts"],
         )

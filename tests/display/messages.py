@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from lfpipe.host.worker import install_command
-from lfpipe.render.display.monitors import Monitor, find_monitor
-from lfpipe.render.display.open_display import check_display, parse_display
+from lfpipe.render.display.display import check_display, parse_display
+from lfpipe.render.display.window_system import Monitor, find_monitor
 from tests.test_messages import Cause
 
 FORMS = "use one of window, fullscreen, none or file:OUT.mkv (or .mp4)"

@@ -12,15 +12,14 @@ import pygame
 import pytest
 
 from lfpipe import config
-from lfpipe.render.display.monitors import (
+from lfpipe.render.display.window import ScreenWindow
+from lfpipe.render.display.window_system import (
     Monitor,
     device_latency_conditions,
     device_latency_doubt,
     monitors,
     pixel_mm,
 )
-from lfpipe.render.display.window import ScreenWindow
-from lfpipe.render.ui.overlay_view import OverlayView
 from tests.support.sway_screen import sway
 
 DESK = [
@@ -61,7 +60,7 @@ def test_pixel_mm_does_not_believe_sizes_that_cannot_be(
 def screen_window(
     size_px: tuple[int, int], fullscreen: bool = False, monitor: str = ""
 ) -> ScreenWindow:
-    return ScreenWindow(size_px, "lfpipe: a test", OverlayView(), fullscreen, monitor)
+    return ScreenWindow(size_px, "lfpipe: a test", fullscreen, monitor)
 
 
 def press(window: ScreenWindow, key: str) -> None:

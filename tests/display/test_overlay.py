@@ -12,15 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.render.display.display import Event, Item, Menu, Notice, Overlay
+from lfpipe.render.display.keys import DEPTH, HELP, bar_items
+from lfpipe.render.display.look import NO_HIGHLIGHT
+from lfpipe.render.display.overlay_view import OverlayView
+from lfpipe.render.display.panels import EDGE_PX, ItemPanel, bar_panel
 from lfpipe.render.display.window import TEXT_PX
-from lfpipe.render.ui.keys import DEPTH, HELP, bar_items
-from lfpipe.render.ui.look import NO_HIGHLIGHT
-from lfpipe.render.ui.overlay_view import (
-    EDGE_PX,
-    ItemPanel,
-    OverlayView,
-    bar_panel,
-)
 from lfpipe.render.ui.pages import Distance, calibration_page, glasses_menu
 from lfpipe.render.ui.scenes import Content, folder_menu
 from tests.display.test_window import GREY, becomes, pressed, window  # noqa: F401  (fixture)

@@ -9,10 +9,8 @@ import numpy as np
 import pygame
 import pytest
 
-from lfpipe.render.display.display import Display
-from lfpipe.render.display.open_display import HINT, open_display, parse_display
-from lfpipe.render.ui.keys import ACTION_OF
-from lfpipe.render.ui.overlay_view import OverlayView
+from lfpipe.render.display.display import HINT, Display, open_display, parse_display
+from lfpipe.render.display.keys import ACTION_OF
 from tests.support.world import until
 from tests.support.xvfb_screen import Screen, needs_xdotool, outline
 
@@ -25,7 +23,7 @@ def window(screen: Screen) -> Iterator[Callable[..., Display]]:
     opened = []
 
     def make(size: tuple[int, int], spec: str = "window") -> Display:
-        opened.append(open_display(parse_display(spec), size, "lfpipe: a test", 60.0, OverlayView))
+        opened.append(open_display(parse_display(spec), size, "lfpipe: a test", 60.0))
         assert becomes(pygame.key.get_focused, opened[-1])
         return opened[-1]
 

@@ -11,10 +11,9 @@ from lfpipe.config import Render, choices
 from lfpipe.config.tree import Anaglyph
 from lfpipe.render.display.display import Notice
 from lfpipe.render.synthesis.anaglyph import MATRICES
-from lfpipe.render.ui.notices import SHOWN_NS, Notices
 from lfpipe.render.ui.pages import glasses_test
 from lfpipe.render.ui.scenes import OPEN
-from lfpipe.render.ui.settings import RecordingIndicator
+from lfpipe.render.ui.settings import SHOWN_NS, Notices, RecordingIndicator
 from lfpipe.sequence.folder import MANIFEST
 from lfpipe.transport.ring import SECOND_NS, now_ns
 

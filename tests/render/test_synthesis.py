@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from lfpipe.config.quality import WARPS
 from lfpipe.render.synthesis import warper
-from lfpipe.render.synthesis.blocks import Blocks, places, size_of
 from lfpipe.render.synthesis.engine import Synthesiser
-from lfpipe.render.synthesis.scene_views import SceneViews
+from lfpipe.render.synthesis.scene_views import SceneViews, size_of
 from lfpipe.render.synthesis.scoring import psnr_db
 from lfpipe.render.synthesis.viewpoint import Position
+from lfpipe.render.synthesis.warper import Blocks, places
 from lfpipe.scene.lightfield import LightField
 from tests.render import rendered
 from tests.render.rendered import METHODS

@@ -6,10 +6,10 @@ import attrs
 from pygame import surfarray
 
 from lfpipe.render.display.display import Event
+from lfpipe.render.display.keys import bar_items
+from lfpipe.render.display.look import NO_HIGHLIGHT
+from lfpipe.render.display.panels import ItemPanel, bar_panel
 from lfpipe.render.display.window import letters_px
-from lfpipe.render.ui.keys import bar_items
-from lfpipe.render.ui.look import NO_HIGHLIGHT
-from lfpipe.render.ui.overlay_view import ItemPanel, bar_panel
 from tests.support.world import World
 from tests.support.xvfb_screen import Screen, outline
 

@@ -18,7 +18,7 @@ from lfpipe.errors import UserError, quoted
 from lfpipe.files.safe_files import read_text, write_file, write_output
 from lfpipe.host.files import exists
 from lfpipe.host.worker import python
-from lfpipe.render.display.open_display import parse_display
+from lfpipe.render.display.display import parse_display
 
 AGAIN_S = 2.0  # pause between a failed session and the next
 VARIABLE = "LFPIPE_KIOSK_CODE"

@@ -21,10 +21,9 @@ from numpy.typing import NDArray
 from lfpipe.extras.gpu.shader import disparity_texels, mixture, source
 from lfpipe.host.worker import has_gpu
 from lfpipe.render.synthesis.anaglyph import Recipe
-from lfpipe.render.synthesis.blocks import size_of
 from lfpipe.render.synthesis.compositor import PainterLost
 from lfpipe.render.synthesis.engine import Cameras
-from lfpipe.render.synthesis.scene_views import SceneViews
+from lfpipe.render.synthesis.scene_views import SceneViews, size_of
 from lfpipe.render.synthesis.viewpoint import Position
 from lfpipe.render.synthesis.warper import LEVELS
 

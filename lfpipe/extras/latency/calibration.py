@@ -26,10 +26,9 @@ from lfpipe.extras.latency.estimate import (
     find_area,
 )
 from lfpipe.files.codecs import BrokenFrame
-from lfpipe.render.display.display import Overlay
-from lfpipe.render.display.monitors import Monitor
-from lfpipe.render.display.open_display import has_display
+from lfpipe.render.display.display import Overlay, has_display
 from lfpipe.render.display.refresh import ScreenClock
+from lfpipe.render.display.window_system import Monitor
 from lfpipe.transport.ring import MS_NS, SECOND_NS, StampKind, now_ns, sleep_until
 
 WINDOW_PX = (1600, 900)  # limited by the screen
@@ -152,12 +151,11 @@ class _FlippingWindow:
 
     def __init__(self, config: Config, watch: CameraWatch) -> None:
         from lfpipe.render.display.window import ScreenWindow
-        from lfpipe.render.ui.overlay_view import OverlayView
 
         self._camera = config.camera
         self._watch = watch
         self.window = ScreenWindow(
-            WINDOW_PX, "lfpipe calibrate", OverlayView(), monitor=str(config.screen.monitor)
+            WINDOW_PX, "lfpipe calibrate", monitor=str(config.screen.monitor)
         )
         self._levels = [np.full((9, 16, 3), 255 * white, np.uint8) for white in (0, 1)]
         hz = self.window.monitor.rate_hz

@@ -10,7 +10,7 @@ from lfpipe.cli.terminal import print_result
 from lfpipe.config import Config, user_file
 from lfpipe.config.check import write_keys
 from lfpipe.extras.latency.calibration import measure_device_latency
-from lfpipe.render.display.monitors import device_latency_conditions
+from lfpipe.render.display.window_system import device_latency_conditions
 
 
 def calibrate(proceed: Callable[..., Any], *, latency: bool, **values: Any) -> Any:

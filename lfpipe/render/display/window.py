@@ -7,7 +7,6 @@ import math
 import time
 from collections import deque
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import attrs
 import numpy as np
@@ -18,13 +17,10 @@ from lfpipe.files.codecs import fit_area
 from lfpipe.host.presentation import Presented
 from lfpipe.render.display import window_system
 from lfpipe.render.display.display import PICTURE_MM, Display, Event, Overlay
-from lfpipe.render.display.monitors import find_monitor, monitors
+from lfpipe.render.display.overlay_view import OverlayView
 from lfpipe.render.display.painters import Panel, open_painter
-from lfpipe.render.display.window_system import open_presentation, pygame
+from lfpipe.render.display.window_system import find_monitor, monitors, open_presentation, pygame
 from lfpipe.render.synthesis.anaglyph import Pair, arrange_stereo_pair
-
-if TYPE_CHECKING:
-    from lfpipe.render.ui.overlay_view import OverlayView
 
 STEP = 1.2  # of the factor for a step of the wheel: four double it
 MOST = 8.0  # a pixel of the scene is then as large as a letter
@@ -119,16 +115,14 @@ class ScreenWindow(Display):
         self,
         size_px: tuple[int, int],
         title: str,
-        view: "OverlayView",
         fullscreen: bool = False,
         monitor: str = "",
         code: str = "",
     ) -> None:
-        """size_px: (width, height) of the pictures. view: draws the overlay. monitor: a number or
-        name, as for `monitors.find_monitor`; empty: the desktop chooses. code: only these letters
-        have an effect, and quit; other keys, buttons and drops have none. Raises UserError if no
-        window can
-        be opened, or the monitor is missing.
+        """size_px: (width, height) of the pictures. monitor: a number or name, as for
+        `find_monitor`; empty: the desktop chooses. code: only these letters have an effect, and
+        quit; other keys, buttons and drops have none. Raises UserError if no window can be opened,
+        or the monitor is missing.
         """
         self._code = code
         self._natives: deque[pygame.Event] = deque()  # not handled yet
@@ -139,7 +133,7 @@ class ScreenWindow(Display):
         # the arguments of the last call of `show`
         self._shown: tuple[NDArray[np.uint8], Pair | None, str] | None = None
         self._laid: NDArray[np.uint8] | None = None
-        self._view = view
+        self._view = OverlayView()
         self._zoom = Zoom()
         self._is_new = False  # the scene
         self._pans = False  # a drag with the left button

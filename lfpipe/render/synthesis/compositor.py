@@ -30,10 +30,10 @@ from lfpipe.render.synthesis.anaglyph import (
     arrange_stereo_pair,
     recipe,
 )
-from lfpipe.render.synthesis.blocks import split_rows, unaligned_array
 from lfpipe.render.synthesis.engine import Synthesiser
 from lfpipe.render.synthesis.scene_views import SceneViews
 from lfpipe.render.synthesis.viewpoint import Position, extrapolation_views, zero_plane_px
+from lfpipe.render.synthesis.warper import split_rows, unaligned_array
 from lfpipe.scene.lightfield import LightField
 
 

@@ -20,10 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config.quality import WARPS
-from lfpipe.render.synthesis.blocks import Blocks, Box, shifted, size_of
-from lfpipe.render.synthesis.scene_views import SceneViews, Source
+from lfpipe.render.synthesis.scene_views import SceneViews, Source, size_of
 from lfpipe.render.synthesis.viewpoint import Position, ViewWeight, cell_of, view_weights
-from lfpipe.render.synthesis.warper import Warper
+from lfpipe.render.synthesis.warper import Blocks, Box, Warper, shifted
 from lfpipe.scene.lightfield import LightField
 
 

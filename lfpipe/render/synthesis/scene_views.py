@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.render.synthesis.anaglyph import Plane, PlaneBuilder
-from lfpipe.render.synthesis.blocks import size_of
 from lfpipe.scene.lightfield import UNKNOWN, LightField
 
 BUDGET_BYTES = 64 << 20  # of planes that are built and kept, and of views that are reduced and kept
@@ -18,6 +17,11 @@ BUDGET_BYTES = 64 << 20  # of planes that are built and kept, and of views that 
 EDGE_PX = 0.5
 
 Source = Callable[[int, int, int], NDArray[np.uint8]]  # (frame, row, col) -> a plane of that view
+
+
+def size_of(height_px: int, width_px: int) -> tuple[int, int]:
+    """(rows, columns) of the blocks of 2x2 pixels of a picture: one per disparity value."""
+    return (height_px + 1) // 2, (width_px + 1) // 2
 
 
 def stored_channels(field: LightField, plane: Plane) -> tuple[int, ...]:

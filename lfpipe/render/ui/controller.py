@@ -13,25 +13,10 @@ import attrs
 import platformdirs
 
 from lfpipe.config.session_options import Window, is_measurable
-from lfpipe.render.display.display import Display, Event, Item, Notice, Overlay, Pointer
+from lfpipe.render.display.display import HINT, Display, Event, Item, Notice, Overlay, Pointer
 from lfpipe.render.display.file_display import save
-from lfpipe.render.display.open_display import HINT
+from lfpipe.render.display.keys import CLOSING, DEPTH, HELP, VIEWERS, bar_items
 from lfpipe.render.presenter import Presenter
-from lfpipe.render.ui.keys import CLOSING, DEPTH, HELP, bar_items
-from lfpipe.render.ui.notices import (
-    ASKED_NS,
-    RECORDED_FACE,
-    SHOWN_NS,
-    USE_CAMERA,
-    USE_MOUSE,
-    VIEWERS,
-    Notices,
-    for_window,
-    short,
-    standing_notices,
-    viewer_kind,
-    viewer_name,
-)
 from lfpipe.render.ui.pages import (
     GHOST,
     CalibrationPage,
@@ -43,11 +28,22 @@ from lfpipe.render.ui.pages import (
 )
 from lfpipe.render.ui.scenes import FolderPage, SceneLoader, ScenePage, caption
 from lfpipe.render.ui.settings import (
+    ASKED_NS,
+    RECORDED_FACE,
+    SHOWN_NS,
+    USE_CAMERA,
+    USE_MOUSE,
     ChangeNotices,
     Files,
+    Notices,
     RecordingIndicator,
     Settings,
+    for_window,
+    short,
+    standing_notices,
     user_folder,
+    viewer_kind,
+    viewer_name,
 )
 from lfpipe.render.viewer.mouse_look import STEP, MouseLook
 from lfpipe.render.viewer.viewer import Viewer

@@ -20,11 +20,11 @@ from lfpipe.config.session_options import CameraViewer
 from lfpipe.config.session_options import Viewer as ViewerKind
 from lfpipe.eyes import EYES, EyesRecord
 from lfpipe.render.display.display import ACCENT, BACK, OFF, RED, Event, Item, Menu, Overlay
+from lfpipe.render.display.keys import VIEWERS
 from lfpipe.render.presenter import Drawing, Presenter, draw_scene
 from lfpipe.render.synthesis.anaglyph import MATRICES, Pair, arrange_stereo_pair, encode
 from lfpipe.render.synthesis.compositor import Key, recipe_for
-from lfpipe.render.ui.notices import VIEWERS, metrics
-from lfpipe.render.ui.settings import Files, Settings
+from lfpipe.render.ui.settings import Files, Settings, metrics
 from lfpipe.render.viewer.geometry import SEAT_MM as SEAT_MM
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.transport.context import Context

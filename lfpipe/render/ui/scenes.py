@@ -18,16 +18,16 @@ from lfpipe.files.codecs import fit_area
 from lfpipe.files.safe_files import reason
 from lfpipe.host.files import exists
 from lfpipe.render.display.display import Event, Item, Menu, Overlay
-from lfpipe.render.ui.notices import (
+from lfpipe.render.display.keys import VIEWERS
+from lfpipe.render.ui.pages import Page
+from lfpipe.render.ui.settings import (
     ASKED_NS,
-    VIEWERS,
+    Files,
     Notices,
     short,
     viewer_kind,
     viewer_name,
 )
-from lfpipe.render.ui.pages import Page
-from lfpipe.render.ui.settings import Files
 from lfpipe.scene.pack import DEMO_MARKER, cache_dir, packed, recent_scenes
 from lfpipe.scene.source import HOLDS_ALL, PICTURES, entries, natural, read_bytes
 from lfpipe.transport.context import Context

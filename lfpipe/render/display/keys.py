@@ -20,6 +20,7 @@ class Key:
     """Label of the entry in the bar, and after "|" its other one; empty: no entry."""
 
 
+VIEWERS = {"camera": "Camera", "mouse": "Mouse", "demo": "Recorded face"}
 DEPTH = "depth"  # the slider of the bar: 0 for comfort to 1 for true depth
 GROUPS = {
     "Scene": (
