@@ -72,7 +72,7 @@ def test_a_recording_starts_at_once_and_resumes(
     *before, (word, path) = asked
     assert before == [("resume", "")] * paused and word == "record"
     assert Path(path).parent == tmp_path / "Videos" and Path(path).parent.is_dir()
-    recording.answered()
+    recording.is_requested = False
     context.options.record = path
     recording.update(0)
     context.options.record = ""

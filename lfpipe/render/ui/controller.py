@@ -12,6 +12,7 @@ from pathlib import Path
 import attrs
 import platformdirs
 
+from lfpipe.config import Render, choices
 from lfpipe.config.session_options import Window, is_measurable
 from lfpipe.render.display.display import HINT, Display, Event, Item, Notice, Overlay, Pointer
 from lfpipe.render.display.file_display import save
@@ -28,12 +29,11 @@ from lfpipe.render.ui.pages import (
 )
 from lfpipe.render.ui.scenes import FolderPage, SceneLoader, ScenePage, caption
 from lfpipe.render.ui.settings import (
-    ASKED_NS,
+    QUESTION_NS,
     RECORDED_FACE,
     SHOWN_NS,
     USE_CAMERA,
     USE_MOUSE,
-    ChangeNotices,
     Files,
     Notices,
     RecordingIndicator,
@@ -53,7 +53,10 @@ from lfpipe.transport.control import Answer
 from lfpipe.transport.ring import now_ns
 
 LOOKING = {VIEWERS["mouse"]: "Move the mouse to look around"}  # name of a viewer -> notice
+MODES = choices("render.anaglyph")
+DEFAULT = Render()
 TURNS = Item("◀", Event("previous")), Item("▶", Event("next"))  # of a locked window
+NEEDS_VIEWS = DEPTH, "invert-depth", "recentre", "which"
 MAX_EVENTS = 16  # at once: more than a person presses between two refreshes
 
 
@@ -93,7 +96,6 @@ class Ui:
         self._display = display
         self._overlay = Overlay()
         self.dismissed = False
-        self._changes = ChangeNotices(context, viewer, self.notices, files)
         options, first = context.options, not context.row["restarts"]
         self.page = self.pages["which"] if options.ask_glasses and first else None
         """The page over the picture."""
@@ -102,8 +104,8 @@ class Ui:
         if options.start and first:
             self._waiting = self.pages["choose"]
         if not (options.lock_code or self.page or self._waiting):
-            self.notices.show("hint", HINT, ASKED_NS)
-        self._changes.show_doubts()
+            self.notices.show("hint", HINT, QUESTION_NS)
+        self.settings.show_doubts()
         self._set_overlay(now_ns())  # keys that are pressed now are for the menu
 
     def serve(self) -> None:
@@ -121,13 +123,13 @@ class Ui:
                 self._do(event)
             self._set_overlay(t_ns)  # the next key may be for the page that this one opened
         for error in self.files.serve():
-            self.notices.show("refused", for_window(error.message, error.remedy), ASKED_NS)
+            self.notices.show("refused", for_window(error.message, error.remedy), QUESTION_NS)
         self.pass_on_notices()
         # a larger picture has larger parallax
         if self.viewer.set_width(self._display.width_mm()):
             self.presenter.redraw()
         self.scenes.serve(t_ns)
-        if self._changes.update():
+        if self.settings.show_changes():
             self._display.title(self.viewer.field.name)
         if self.recording.update(t_ns):
             self.presenter.redraw()
@@ -144,7 +146,7 @@ class Ui:
 
     def _do(self, event: Event) -> None:
         self.presenter.redraw()
-        if self.page is not None and self.page.take(event):
+        if self.page is not None and self.page.handle(event):
             return
         if event.name in CLOSING and not (self.page and self.page.stays):
             self.close_page()
@@ -155,17 +157,18 @@ class Ui:
 
     def handle(self, answer: Answer) -> None:
         """Handles the answer to a request of the window."""
-        handlers: Mapping[str, Callable[[Answer], None]] = {
-            "set": self.settings.answered,
-            "record": self.recording.answered,
-            "load": self.scenes.handle,
-        }
-        if answer.cmd in handlers:
-            handlers[answer.cmd](answer)
+        match answer.cmd:
+            case "set":  # applied now, or refused
+                self.settings.requested.clear()
+            case "record":
+                self.recording.is_requested = False
+            case "load":
+                self.scenes.handle(answer)
         if not answer.ok and not answer.values.get("replaced"):
-            text = for_window(answer.error, answer.remedy)
             way_out = (USE_MOUSE,) * (answer.cmd == "viewer")
-            self.notices.show("refused", text, ASKED_NS, way_out)
+            self.notices.show(
+                "refused", for_window(answer.error, answer.remedy), QUESTION_NS, way_out
+            )
         elif answer.cmd == "viewer":
             who = viewer_name(self.context.options.viewer)
             self.notices.show("viewer", LOOKING.get(who, f"Viewer: {who}"))
@@ -183,8 +186,7 @@ class Ui:
 
     def close_page(self) -> None:
         """Closes the open page."""
-        page = self.page
-        self.page = None
+        page, self.page = self.page, None
         if page is not None:
             page.close()
 
@@ -247,8 +249,7 @@ class Ui:
         if viewer_kind(options.viewer) != "camera":
             without["calibrate"] = "needs a camera"
         if self.viewer.field.rows * self.viewer.field.cols == 1:
-            flat = (DEPTH, "invert-depth", "recentre", "which")
-            without |= dict.fromkeys(flat, "the scene is one view")
+            without |= dict.fromkeys(NEEDS_VIEWS, "the scene is one view")
         return bar_items(
             self.context.config.render.depth,
             bool(options.record),
@@ -277,6 +278,11 @@ def _load(ui: Ui, event: Event) -> None:
         ui.notices.show("scene", text, 2 * SHOWN_NS)
 
 
+def _next_mode(ui: Ui, _event: Event) -> None:
+    at = MODES.index(ui.settings.render.anaglyph)
+    ui.settings.set(anaglyph=MODES[(at + 1) % len(MODES)])
+
+
 def _dismiss(ui: Ui, _event: Event) -> None:
     ui.dismissed = True
 
@@ -284,7 +290,7 @@ def _dismiss(ui: Ui, _event: Event) -> None:
 def _wear(ui: Ui, event: Event) -> None:
     """Stores the answer and starts the glasses test."""
     ui.close_page()
-    ui.settings.keep({"anaglyph": event.text})
+    ui.settings.store({"anaglyph": event.text})
     ui.settings.set(anaglyph=event.text)
     if event.text != "mono":
         ui.open_page(ui.pages["glasses"])
@@ -303,7 +309,7 @@ def _calibrate(ui: Ui, event: Event) -> None:
     """Opens the page, or closes it. With a distance as its value, it opens it there."""
     options = ui.context.options
     if not is_measurable(options.viewer) or not isinstance(options.display, Window):
-        ui.notices.show("calibrate", "No camera is in use", ASKED_NS, (USE_CAMERA,))
+        ui.notices.show("calibrate", "No camera is in use", QUESTION_NS, (USE_CAMERA,))
         return
     if event.value:
         ui.close_page()
@@ -335,14 +341,19 @@ ACTIONS: Mapping[str, Action] = {
     "close": lambda ui, _: ui.close_page(),
     "dismiss": _dismiss,
     # settings
-    "mode": lambda ui, _: ui.settings.next_mode(),
+    "mode": _next_mode,
     "depth+": lambda ui, _: ui.settings.move_zero_plane(1),
     "depth-": lambda ui, _: ui.settings.move_zero_plane(-1),
     "alpha+": lambda ui, _: ui.settings.scale_alpha(STEP),
     "alpha-": lambda ui, _: ui.settings.scale_alpha(1 / STEP),
-    "automatic": lambda ui, _: ui.settings.automatic(),
-    "swap": lambda ui, _: ui.settings.swap_eyes(),
-    "invert-depth": lambda ui, _: ui.settings.invert_depth(),
+    "automatic": lambda ui, _: ui.settings.set(
+        alpha_px="auto", zero_plane_px=DEFAULT.zero_plane_px, depth=DEFAULT.depth
+    ),
+    "swap": lambda ui, _: ui.settings.set(swap_eyes=not ui.settings.render.swap_eyes),
+    "invert-depth": lambda ui, _: ui.context.request(
+        "set",
+        set={"scene.invert_depth": "no" if ui.viewer.field.depth_inverted else "yes"},
+    ),
     DEPTH: lambda ui, event: ui.settings.set(alpha_px="auto", depth=event.value),
     # glasses
     "wear": _wear,

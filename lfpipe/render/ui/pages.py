@@ -154,7 +154,7 @@ class Page:
     def close(self) -> None:
         """Called when the page closes."""
 
-    def take(self, event: Event) -> bool:
+    def handle(self, event: Event) -> bool:
         """Handles an event of its own; returns whether it was one."""
         return False
 
@@ -201,11 +201,11 @@ class GlassesTest(Page):
     def close(self) -> None:
         self._presenter.draw_by(draw_scene)
         now = attrs.asdict(self._settings.render)
-        self._settings.keep(
-            {name: now[name] for name in CHECKED if now[name] != getattr(self._before, name)}
-        )
+        changed = {name: now[name] for name in CHECKED if now[name] != getattr(self._before, name)}
+        if changed:
+            self._settings.store(changed)
 
-    def take(self, event: Event) -> bool:
+    def handle(self, event: Event) -> bool:
         """The arrows change ghost compensation."""
         if event.name in GHOST_STEPS:
             ghost = self._settings.render.ghost_compensation + GHOST_STEPS[event.name]
@@ -237,7 +237,7 @@ class Distance:
     def set(self, cm: float) -> None:
         self.cm = min(max(cm, NEAREST_CM), FARTHEST_CM)
 
-    def take(self, event: Event) -> bool:
+    def handle(self, event: Event) -> bool:
         """Follows an event; returns whether it is one of its own."""
         low, high = SLIDER_CM
         if event.name == "distance":
@@ -363,7 +363,7 @@ class CalibrationPage(Page):
     def _is_ready(self) -> bool:
         return self._eyes.share == 1.0
 
-    def take(self, event: Event) -> bool:
+    def handle(self, event: Event) -> bool:
         if event == ACCEPT.event:
             if self._is_ready and not self.is_stored:
                 eyes_mm = self._context.config.screen.eyes_mm
@@ -375,7 +375,7 @@ class CalibrationPage(Page):
                 )
         elif event == AGAIN.event:
             self._begin()
-        elif self.distance.take(event):
+        elif self.distance.handle(event):
             self.is_stored = False
         else:
             return False

@@ -21,7 +21,7 @@ from lfpipe.render.display.display import Event, Item, Menu, Overlay
 from lfpipe.render.display.keys import VIEWERS
 from lfpipe.render.ui.pages import Page
 from lfpipe.render.ui.settings import (
-    ASKED_NS,
+    QUESTION_NS,
     Files,
     Notices,
     short,
@@ -138,7 +138,7 @@ class FolderPage(Page):
             read = partial(middle_view, path, self._context.config.scene)
             self._files.do(read, partial(self._pictures.__setitem__, path))
 
-    def take(self, event: Event) -> bool:
+    def handle(self, event: Event) -> bool:
         """Enters a folder."""
         if event.name == "enter-folder":
             self._enter(Path(event.text))
@@ -201,7 +201,7 @@ class SceneLoader:
     def step(self, step: int) -> None:
         """Requests the scene of the playlist that many steps from the one requested last."""
         if len(self._context.options.playlist) < 2:
-            self._notices.show("scene", "No other scene yet", ASKED_NS, (OTHER,))
+            self._notices.show("scene", "No other scene yet", QUESTION_NS, (OTHER,))
             return
         self.opening = self.opening or "Opening ..."
         self._steps += step  # since a scene was shown
@@ -218,7 +218,7 @@ class SceneLoader:
             return
         self.opening, self._steps = "", 0
         if note := answer.values.get("note"):
-            self._notices.show("note", note, ASKED_NS)
+            self._notices.show("note", note, QUESTION_NS)
 
     def report(self, news: Message) -> None:
         """Sets the progress of a load requested by any client, or of the scene on the screen."""
@@ -245,7 +245,7 @@ class SceneLoader:
         """
         options = self._context.options
         for path in options.unusable.keys() - self._unusable.keys():
-            self._notices.show("unusable", f"Not shown: {options.unusable[path]}", ASKED_NS)
+            self._notices.show("unusable", f"Not shown: {options.unusable[path]}", QUESTION_NS)
         self._unusable = options.unusable
         if self.opening or options.playlist_at != self._shown_at:
             self._shown_at, self._shown_ns = options.playlist_at, t_ns

@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 import attrs
 import platformdirs
 
-from lfpipe.config import Render, choices, user_file
+from lfpipe.config import Render, user_file
 from lfpipe.config.check import write_keys
 from lfpipe.config.quality import level_number
 from lfpipe.config.session_options import CameraViewer, MouseViewer, NoViewer, Window
@@ -32,14 +32,13 @@ from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.scene.lightfield import HARDLY_FIT, remember, undecided
 from lfpipe.sequence.folder import MANIFEST
 from lfpipe.transport.context import Context
-from lfpipe.transport.control import Answer
 from lfpipe.transport.ring import SECOND_NS, now_ns
 from lfpipe.transport.status import State, rate_hz, summary_ms
 
 COMMAND = re.compile(r"`|--|lfpipe |\b[a-z]+\.[a-z_]+=|/")  # of a terminal
 LONG_MS, CAMERA_HZ = 150.0, 30.0  # full bars
 SHOWN_NS = 2 * SECOND_NS  # reading a line takes 1 s
-ASKED_NS = 8 * SECOND_NS  # how long a question, a path and a hint stay
+QUESTION_NS = 8 * SECOND_NS  # how long a question, a path and a hint stay
 DRAG = "Put on the glasses, and drag over the picture to look around"
 INVITATION = "Put on the glasses and stand in front of the screen"
 USE_CAMERA = Item("Use my camera", Event("look", "camera"), main=True)
@@ -207,60 +206,44 @@ class Files:
 
 
 INVERTED = Item("Swap near and far", Event("invert-depth"), "d")
-MODES = choices("render.anaglyph")
-KEPT = {"anaglyph": "Glasses", "swap_eyes": "Eyes", "ghost_compensation": "Ghosts"}  # in a notice
+STORED = {"anaglyph": "Glasses", "swap_eyes": "Eyes", "ghost_compensation": "Ghosts"}  # in a notice
 
 
 @attrs.define(eq=False)
 class Settings:
-    """Requests changes of [render] and of the order of depth."""
+    """Requests changes of [render], and shows a notice for each change of settings, scene and
+    quality, from any client.
+    """
 
     _context: Context
     _viewer: Viewer
     _notices: Notices
     _files: Files
-    _asked: dict[str, Any] = attrs.field(factory=dict)  # requested, and not yet applied
+    requested: dict[str, Any] = attrs.field(factory=dict)
+    """What is neither applied nor refused yet."""
+    _alpha_px: float = 0.0  # before the latest change
+    _last: tuple[Render, int, str, bool] = attrs.field(init=False)
+
+    def __attrs_post_init__(self) -> None:
+        self._last = self._now()
 
     @property
     def render(self) -> Render:
         """The settings as they will be: keys may follow each other faster than they are applied."""
-        return attrs.evolve(self._context.config.render, **self._asked)
+        return attrs.evolve(self._context.config.render, **self.requested)
 
     def set(self, **values: Any) -> None:
         """Changes keys of [render] until the session ends."""
-        self._asked |= values
+        self.requested |= values
         self._context.request("set", set={f"render.{key}": value for key, value in values.items()})
 
-    def answered(self, _answer: Answer | None = None) -> None:
-        """Takes the answer to a change: it is applied now, or refused."""
-        self._asked.clear()
-
-    def keep(self, values: dict[str, float | bool | str]) -> None:
+    def store(self, values: dict[str, float | bool | str]) -> None:
         """Saves keys of [render] in the person's settings."""
-        if values:
-            names = ", ".join(KEPT.get(name, name) for name in values)
-            self._files.do(
-                partial(write_keys, user_file(), "render", values),
-                lambda _: self._notices.show("kept", f"{names} saved"),
-            )
-
-    def next_mode(self) -> None:
-        """Switches to the next colour mode."""
-        self.set(anaglyph=MODES[(MODES.index(self.render.anaglyph) + 1) % len(MODES)])
-
-    def swap_eyes(self) -> None:
-        """Swaps the views of the eyes."""
-        self.set(swap_eyes=not self.render.swap_eyes)
-
-    def invert_depth(self) -> None:
-        """Inverts the depth of the scene."""
-        word = "no" if self._viewer.field.depth_inverted else "yes"
-        self._context.request("set", set={"scene.invert_depth": word})
-
-    def automatic(self) -> None:
-        """Makes depth and parallax automatic again."""
-        default = Render()
-        self.set(alpha_px="auto", zero_plane_px=default.zero_plane_px, depth=default.depth)
+        names = ", ".join(STORED.get(name, name) for name in values)
+        self._files.do(
+            partial(write_keys, user_file(), "render", values),
+            lambda _: self._notices.show("stored", f"{names} saved"),
+        )
 
     def move_zero_plane(self, steps: int) -> None:
         """Moves the scene back (steps > 0) or forward."""
@@ -273,6 +256,47 @@ class Settings:
         """Multiplies alpha."""
         if self._viewer.parallax is not None:
             self.set(alpha_px=round(self._viewer.parallax.alpha_px * factor, 3))
+
+    def _now(self) -> tuple[Render, int, str, bool]:
+        """The settings, the lowered level, the scene and its order of depth."""
+        context, field = self._context, self._viewer.field
+        level = level_number(context.options)
+        return context.config.render, level, field.name, field.depth_inverted
+
+    def show_changes(self) -> bool:
+        """Shows changes since the last call; returns whether the scene changed."""
+        (render, level, scene, inverted), self._last = self._last, self._now()
+        now, now_level, now_scene, now_inverted = self._last
+        if now is not render:
+            plane_px = zero_plane_px(self._viewer.field, render)
+            for subject, text in changes(render, now, self._alpha_px, plane_px).items():
+                self._notices.show(subject, text)
+        if self._viewer.parallax is not None:
+            self._alpha_px = self._viewer.parallax.alpha_px
+        if now_level and not level:
+            self._notices.show("quality", "Busy computer: picture quality reduced")
+        if now_scene != scene:
+            self._notices.show("scene", now_scene)
+            self.show_doubts()
+        elif now_inverted != inverted:
+            self._notices.show("depth order", "Near and far swapped")
+        return now_scene != scene
+
+    def show_doubts(self) -> None:
+        """Shows that the views of a scene hardly fit together; and how to invert depth, the first
+        time that a scene of undecided depth is shown.
+        """
+        options, field = self._context.options, self._viewer.field
+        if not isinstance(options.display, Window) or options.lock_code:
+            return
+        if HARDLY_FIT in field.manifest.notes:
+            text = f"These {field.rows * field.cols} pictures hardly fit together."
+            one = Item("Show one", Event("show-one", field.manifest.source))
+            self._notices.show("views", text, QUESTION_NS, (one,))
+        if undecided(field, self._context.config.scene.invert_depth):
+            text = "Does the depth look inverted?"
+            self._notices.show("depth order", text, QUESTION_NS, (INVERTED,))
+            self._files.do(partial(remember, field, "asked"))
 
 
 def changes(before: Render, now: Render, alpha_px: float, plane_px: float) -> dict[str, str]:
@@ -301,61 +325,6 @@ def _direction(value: float | str, before: float, up: str, down: str) -> str:
     return up if value > before else down
 
 
-class ChangeNotices:
-    """Shows a notice for each change of settings, scene and quality, from any client."""
-
-    def __init__(self, context: Context, viewer: Viewer, shown: Notices, files: Files) -> None:
-        self._context = context
-        self._files = files
-        self._viewer = viewer
-        self._shown = shown
-        self._alpha_px = 0.0  # before the latest change
-        self._last = self._now()
-
-    def _now(self) -> tuple[Render, int, str, bool]:
-        """The settings, the lowered level, the scene and its order of depth."""
-        context, field = self._context, self._viewer.field
-        level = level_number(context.options)
-        return context.config.render, level, field.name, field.depth_inverted
-
-    def update(self) -> bool:
-        """Shows changes since the last call; returns whether the scene changed."""
-        (render, level, scene, inverted), self._last = self._last, self._now()
-        now, now_level, now_scene, now_inverted = self._last
-        if now is not render:
-            plane_px = zero_plane_px(self._viewer.field, render)
-            for subject, text in changes(render, now, self._alpha_px, plane_px).items():
-                self._shown.show(subject, text)
-        if self._viewer.parallax is not None:
-            self._alpha_px = self._viewer.parallax.alpha_px
-        if now_level and not level:
-            self._shown.show("quality", "Busy computer: picture quality reduced")
-        is_new = now_scene != scene
-        if is_new:
-            self._shown.show("scene", now_scene)
-            self.show_doubts()
-        elif now_inverted != inverted:
-            self._shown.show("depth order", "Near and far swapped")
-        return is_new
-
-    def show_doubts(self) -> None:
-        """Shows that the views of a scene hardly fit together; and how to invert depth, the first
-        time that a scene of undecided depth is shown.
-        """
-        options = self._context.options
-        field = self._viewer.field
-        on_screen = isinstance(options.display, Window) and not options.lock_code
-        if on_screen and HARDLY_FIT in field.manifest.notes:
-            count = field.rows * field.cols
-            one = Item("Show one", Event("show-one", field.manifest.source))
-            self._shown.show(
-                "views", f"These {count} pictures hardly fit together.", ASKED_NS, (one,)
-            )
-        if on_screen and undecided(field, self._context.config.scene.invert_depth):
-            self._shown.show("depth order", "Does the depth look inverted?", ASKED_NS, (INVERTED,))
-            self._files.do(partial(remember, field, "asked"))
-
-
 FLUSH_NS = 10 * SECOND_NS  # a slow disk may take as long to take the rest
 
 
@@ -367,7 +336,8 @@ class RecordingIndicator:
     _notices: Notices
     _folder: str = ""
     _began_ns: int = 0
-    _is_asked: bool = False
+    is_requested: bool = False
+    """Whether a start or a stop is not answered yet."""
     # the last one, its length, and until when it may still be written
     _ended: tuple[Path, int, int] | None = None
     status: str = ""
@@ -375,7 +345,7 @@ class RecordingIndicator:
 
     def toggle(self) -> None:
         """Starts recording the camera and the eyes in the folder for pictures, or stops it."""
-        if self._is_asked:
+        if self.is_requested:
             return
         path = ""
         if not self._context.options.record:
@@ -386,12 +356,8 @@ class RecordingIndicator:
             if self._context.paused:
                 self._context.request("resume")
             self._notices.show("record", "Starting the recording ...", FLUSH_NS)
-        self._is_asked = True
+        self.is_requested = True
         self._context.request("record", path=path)
-
-    def answered(self, _answer: Answer | None = None) -> None:
-        """Takes the answer to a request."""
-        self._is_asked = False
 
     def update(self, t_ns: int) -> bool:
         """Updates the status; returns whether it changed."""
@@ -410,7 +376,7 @@ class RecordingIndicator:
                 text, until_ns = f"Camera recorded, {length_s} s: {short(path)}", 0
             if t_ns >= until_ns:
                 self._ended = None
-                self._notices.show("record", text, ASKED_NS)
+                self._notices.show("record", text, QUESTION_NS)
         before, self.status = self.status, f"{duration_s // 60}:{duration_s % 60:02}" * bool(folder)
         return self.status != before
 
