@@ -37,7 +37,7 @@ from lfpipe.bench.simulator.scripts import (
     settled,
     swayed,
 )
-from lfpipe.render.viewer.presence import Rest
+from lfpipe.render.viewer.presence import RestingEyes
 from lfpipe.track.engine import Face
 from lfpipe.track.litert_engine import LitertEngine
 from profiling.arguments import existing, parser_of, start
@@ -57,7 +57,7 @@ OWN = (
             ),
             person(path(10.0, (-80, 240, 70), Move(4.0, 5.5, (200, 240, 70)))),
         ),
-        windows=(settled(3.0), after(5.5 + SETTLED_S, 10.0, Rest(200, 240, 70), person=1)),
+        windows=(settled(3.0), after(5.5 + SETTLED_S, 10.0, RestingEyes(200, 240, 70), person=1)),
     ),
     Script(
         name="out, back elsewhere at once",
@@ -88,7 +88,7 @@ OWN = (
                 )
             ),
         ),
-        windows=(after(7.2, 16.0, Rest(*SIDE_SEAT), person=1),),
+        windows=(after(7.2, 16.0, RestingEyes(*SIDE_SEAT), person=1),),
     ),
     Script(
         name="a passer-by before",

@@ -23,7 +23,7 @@ from lfpipe.bench.simulator.scripts import Script, path, person, settled, swayed
 from lfpipe.config import Config, Render
 from lfpipe.config.camera_pose import camera_focal_px
 from lfpipe.render.viewer.geometry import FUSED_RAD, PICTURE_MM, Parallax, parallax
-from lfpipe.render.viewer.presence import Rest
+from lfpipe.render.viewer.presence import RestingEyes
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.source import Geometry
 
@@ -113,7 +113,9 @@ def _sways(eyes_px: float) -> Script:
     """A viewer with this eye distance in the camera picture who sways by SWAY_MM."""
     seat = (IMAGE.shape[1] / 2, IMAGE.shape[0] / 2, eyes_px)
     places = swayed(path(6.0, seat), SWAY_MM * eyes_px / Config().screen.eyes_mm, 0.5)
-    return Script(name="sways", people=(person(places),), windows=(settled(6.0, rest=Rest(*seat)),))
+    return Script(
+        name="sways", people=(person(places),), windows=(settled(6.0, rest=RestingEyes(*seat)),)
+    )
 
 
 def measure(inputs: Inputs) -> Iterator[Offer]:

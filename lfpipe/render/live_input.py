@@ -5,7 +5,6 @@ with the disparity of the frame before, cross-faded where the picture has change
 """
 
 from collections.abc import Iterable
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,13 +24,6 @@ USUAL_NS = SECOND_NS // 30  # interval of frames, until some were seen
 SHARE = 0.1  # of an interval in their running mean
 
 
-class _Frame(NamedTuple):
-    """A frame of all views."""
-
-    stamp: Stamp
-    picture: NDArray[np.uint8]
-
-
 class LiveInput:
     """The newest frame of a live light field."""
 
@@ -48,7 +40,7 @@ class LiveInput:
         """Whether its disparity was measured in its views."""
         width_px, height_px = live.frame_px
         self._spare = np.empty((height_px, width_px, 3), np.uint8)
-        self._frames: list[_Frame] = []  # the newest last
+        self._frames: list[tuple[Stamp, NDArray[np.uint8]]] = []  # of all views, the newest last
         self._record = np.zeros((), disparity_dtype(live))
         self._interval_ns = float(USUAL_NS)
 
@@ -59,45 +51,41 @@ class LiveInput:
         stamp = self._disparity.take(self._record)
         self._read_views()  # second: the frame that the disparity was measured in is there
         measured = stamp and (stamp.epoch, stamp.source_seq)
-        for frame in self._frames:
-            if measured != (frame.stamp.epoch, frame.stamp.source_seq):
+        for frame, picture in self._frames:
+            if measured != (frame.epoch, frame.source_seq):
                 continue
-            if self.stamp is None or frame.stamp.seq >= self.stamp.seq:
+            if self.stamp is None or frame.seq >= self.stamp.seq:
                 in_need = self._in_need(positions)
-                self._store.show(frame.picture, in_need, self._record, frame.stamp.t_sensor_ns)
+                self._store.show(picture, in_need, self._record, frame.t_sensor_ns)
                 return self._showing(frame, own_disparity=True)
             # for frames after it
-            self._store.measure(frame.picture, self._record, frame.stamp.t_sensor_ns)
-        waiting = [
-            frame
-            for frame in self._frames
-            if self.stamp is None or frame.stamp.seq > self.stamp.seq
-        ]
+            self._store.measure(picture, self._record, frame.t_sensor_ns)
+        waiting = [one for one in self._frames if self.stamp is None or one[0].seq > self.stamp.seq]
         # once one was late, the next ones are not waited for
-        late_ns = LATE_FRAMES * self._interval_ns
         late = self.stamp is not None and not self.own_disparity
-        if waiting and (late or t_ns - waiting[0].stamp.t_publish_ns > late_ns):
-            self._store.show_with_last(waiting[-1].picture, self._in_need(positions))
-            return self._showing(waiting[-1], own_disparity=False)
+        limit_ns = LATE_FRAMES * self._interval_ns
+        if waiting and (late or t_ns - waiting[0][0].t_publish_ns > limit_ns):
+            frame, picture = waiting[-1]
+            self._store.show_with_last(picture, self._in_need(positions))
+            return self._showing(frame, own_disparity=False)
         return None
 
     def _read_views(self) -> None:
         stamp = self._views.take(self._spare)
         if stamp is None:
             return
-        if self._frames and self._frames[-1].stamp.epoch == stamp.epoch:
-            passed_ns = stamp.t_sensor_ns - self._frames[-1].stamp.t_sensor_ns
+        if self._frames and self._frames[-1][0].epoch == stamp.epoch:
+            passed_ns = stamp.t_sensor_ns - self._frames[-1][0].t_sensor_ns
             self._interval_ns += SHARE * (min(passed_ns, SECOND_NS) - self._interval_ns)
-        self._frames.append(_Frame(stamp, self._spare))
+        self._frames.append((stamp, self._spare))
         self._spare = (
-            self._frames.pop(0).picture
+            self._frames.pop(0)[1]
             if len(self._frames) > STORED_FRAMES
             else np.empty_like(self._spare)
         )
 
-    def _showing(self, frame: _Frame, own_disparity: bool) -> LightField:
-        self.stamp = frame.stamp
-        self.own_disparity = own_disparity
+    def _showing(self, stamp: Stamp, own_disparity: bool) -> LightField:
+        self.stamp, self.own_disparity = stamp, own_disparity
         self.field = self._store.field
         return self.field
 

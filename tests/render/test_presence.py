@@ -11,18 +11,18 @@ from lfpipe.render.synthesis.viewpoint import Place
 from lfpipe.render.viewer.presence import (
     EASED_VIEWS,
     Presence,
-    Rest,
+    RestingEyes,
     ViewEasing,
     ViewerState,
 )
 from tests.support.examples import examples
 
 FRAME_NS = 33_333_333
-HOME = Rest(300.0, 200.0, 60.0)
+HOME = RestingEyes(300.0, 200.0, 60.0)
 N, A, SE, L, E = ViewerState
 
 
-def watched(*faces: tuple[Rest | None, float, int]) -> tuple[Presence, Rest | None]:
+def watched(*faces: tuple[RestingEyes | None, float, int]) -> tuple[Presence, RestingEyes | None]:
     """The state after (place, seconds, generation) of each face, and the last rest measured."""
     subject = Presence()
     t_ns = 0
@@ -45,20 +45,24 @@ def test_presence_keeps_a_seat_for_ten_seconds_of_absence(
 
 
 @pytest.mark.parametrize(
-    ("back", "away_s", "known"),
+    ("back", "away_s", "returns"),
     [
-        (Rest(310.0, 200.0, 62.0), 2.0, True),
-        (Rest(310.0, 200.0, 62.0), 28.0, True),
-        (Rest(420.0, 200.0, 62.0), 2.0, False),
-        (Rest(305.0, 200.0, 80.0), 2.0, False),
-        (Rest(305.0, 200.0, 60.0), 32.0, False),
+        (RestingEyes(310.0, 200.0, 62.0), 2.0, True),
+        (RestingEyes(310.0, 200.0, 62.0), 28.0, True),
+        (RestingEyes(420.0, 200.0, 62.0), 2.0, False),
+        (RestingEyes(305.0, 200.0, 80.0), 2.0, False),
+        (RestingEyes(305.0, 200.0, 60.0), 32.0, False),
     ],
     ids=["soon", "in half a minute", "elsewhere", "nearer", "later"],
 )
-def test_presence_seats_a_returning_viewer_at_once(back: Rest, away_s: float, known: bool) -> None:
+def test_presence_seats_a_returning_viewer_at_once(
+    back: RestingEyes, away_s: float, returns: bool
+) -> None:
     """While another face is there."""
-    subject, rest = watched((HOME, 3.0, 0), (Rest(500.0, 210.0, 90.0), away_s, 1), (back, 0.0, 2))
-    assert (subject.state is SE and rest is not None and rest.x_px == HOME.x_px) == known
+    subject, rest = watched(
+        (HOME, 3.0, 0), (RestingEyes(500.0, 210.0, 90.0), away_s, 1), (back, 0.0, 2)
+    )
+    assert (subject.state is SE and rest is not None and rest.x_px == HOME.x_px) == returns
 
 
 STEP_NS = 16_666_667

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from lfpipe.capture.recordings import FRAME_PX
 from lfpipe.errors import UserError
-from lfpipe.render.viewer.presence import Rest
+from lfpipe.render.viewer.presence import RestingEyes
 
 Float = NDArray[np.float64]
 SEAT = (320.0, 240.0, 60.0)  # x and y of the midpoint of the eyes, and the eye distance
@@ -60,7 +60,7 @@ class Window:
 
     from_s: float
     to_s: float
-    rest: Rest
+    rest: RestingEyes
     person: int = 0
     event: bool = False
     """Whether it starts with an event; the time until the picture is right counts from there."""
@@ -164,7 +164,7 @@ def _at(x: float, y: float = 240.0, eye_distance: float = 60.0) -> Place:
     return x, y, eye_distance
 
 
-SEATED = Rest(*SEAT)
+SEATED = RestingEyes(*SEAT)
 SETTLED_S = 2.0  # after sitting down: the rest is measured, and the neutral position has eased in
 HIDDEN = -9.0  # logit of a face that cannot be found
 COVERED = 5.0  # logit of a face with a hand in front of an eye
@@ -172,12 +172,12 @@ OUT_RIGHT = _at(730.0)
 OUT_LEFT = _at(-90.0)
 
 
-def settled(to_s: float, from_s: float = SETTLED_S, rest: Rest = SEATED) -> Window:
+def settled(to_s: float, from_s: float = SETTLED_S, rest: RestingEyes = SEATED) -> Window:
     """The window in which a person has settled, by default the viewer at SEAT."""
     return Window(from_s=from_s, to_s=to_s, rest=rest)
 
 
-def after(event_s: float, to_s: float, rest: Rest = SEATED, person: int = 0) -> Window:
+def after(event_s: float, to_s: float, rest: RestingEyes = SEATED, person: int = 0) -> Window:
     """The window after an event."""
     return Window(from_s=event_s, to_s=to_s, rest=rest, person=person, event=True)
 
@@ -200,7 +200,7 @@ def _leaves(away_s: float) -> Script:
     return Script(
         name=f"back elsewhere after {away_s:g} s",
         people=(person(np.concatenate([leaving, path(away_s, OUT_LEFT), back])),),
-        windows=(settled(2.4), *sat_down, after(back_s + 2.0, back_s + 5.0, Rest(*goal))),
+        windows=(settled(2.4), *sat_down, after(back_s + 2.0, back_s + 5.0, RestingEyes(*goal))),
     )
 
 
@@ -247,7 +247,7 @@ SCRIPTS = (
     Script(
         name="moves to another seat",
         people=(person(path(8.0, SEAT, Move(2.5, 3.5, _at(480.0)))),),
-        windows=(settled(2.4), after(3.5, 8.0, Rest(480.0, 240.0, 60.0))),
+        windows=(settled(2.4), after(3.5, 8.0, RestingEyes(480.0, 240.0, 60.0))),
     ),
     # the viewer leaves; the tracker follows a neighbour, who then sits down in the empty seat
     Script(
@@ -298,7 +298,7 @@ SCRIPTS = (
             person(path(9.0, SEAT, Move(2.2, 3.0, _at(400.0))), (3.4, 9.0, HIDDEN)),
             person(path(9.0, _at(500.0, 230.0, 52.0))),
         ),
-        windows=(settled(2.3), after(5.2, 9.0, Rest(500.0, 230.0, 52.0), person=1)),
+        windows=(settled(2.3), after(5.2, 9.0, RestingEyes(500.0, 230.0, 52.0), person=1)),
     ),
     _leaves(2.0),
     _leaves(12.0),
@@ -313,7 +313,7 @@ SCRIPTS = (
     Script(
         name="found at the border",
         people=(person(path(6.0, _at(600.0, 245.0, 55.0)), (0.0, 1.0, HIDDEN)),),
-        windows=(settled(6.0, 1.0 + SETTLED_S, Rest(600.0, 245.0, 55.0)),),
+        windows=(settled(6.0, 1.0 + SETTLED_S, RestingEyes(600.0, 245.0, 55.0)),),
         steps_from_s=0.0,
     ),
     # the confidence falls while the head moves at 200 px/s
@@ -384,7 +384,7 @@ SCRIPTS = (
     Script(
         name="rests half out of the zone",
         people=(person(path(9.0, SEAT, Move(2.5, 3.5, _at(401.0)))),),
-        windows=(settled(2.4), after(3.5, 9.0, Rest(401.0, 240.0, 60.0))),
+        windows=(settled(2.4), after(3.5, 9.0, RestingEyes(401.0, 240.0, 60.0))),
     ),
     # the viewer leaves; a neighbour, who waited in the picture, sits down 30 mm beside the seat
     Script(
@@ -393,7 +393,7 @@ SCRIPTS = (
             person(path(12.0, SEAT, Move(3.2, 4.2, OUT_RIGHT))),
             person(path(12.0, _at(170.0, 230.0, 52.0), Move(6.0, 7.0, _at(349.0)))),
         ),
-        windows=(settled(3.2), after(7.0, 12.0, Rest(349.0, 240.0, 60.0), person=1)),
+        windows=(settled(3.2), after(7.0, 12.0, RestingEyes(349.0, 240.0, 60.0), person=1)),
     ),
     # through the right side, and back from there to a nearer place
     Script(
@@ -408,7 +408,7 @@ SCRIPTS = (
                 )
             ),
         ),
-        windows=(settled(2.4), after(6.2, 11.2, Rest(500.0, 240.0, 85.0))),
+        windows=(settled(2.4), after(6.2, 11.2, RestingEyes(500.0, 240.0, 85.0))),
     ),
     # one person is found as soon as the other one is hidden
     Script(
@@ -418,9 +418,9 @@ SCRIPTS = (
             person(path(12.0, _at(420.0, 300.0, 45.0)), (0.0, 4.0, HIDDEN), (8.0, 12.0, HIDDEN)),
         ),
         windows=(
-            settled(4.0, rest=Rest(250.0, 200.0, 60.0)),
-            after(4.0, 8.0, Rest(420.0, 300.0, 45.0), person=1),
-            after(8.0, 12.0, Rest(250.0, 200.0, 60.0)),
+            settled(4.0, rest=RestingEyes(250.0, 200.0, 60.0)),
+            after(4.0, 8.0, RestingEyes(420.0, 300.0, 45.0), person=1),
+            after(8.0, 12.0, RestingEyes(250.0, 200.0, 60.0)),
         ),
     ),
     # the tracker finds a portrait on the wall; then a viewer sits down next to it, and moves
@@ -438,7 +438,7 @@ SCRIPTS = (
                 )
             ),
         ),
-        windows=(after(10.0, 20.0, Rest(240.0, 270.0, 52.0), person=1),),
+        windows=(after(10.0, 20.0, RestingEyes(240.0, 270.0, 52.0), person=1),),
     ),
 )
 # sways at 0.7 Hz, then takes steps at 200 px/s
@@ -450,7 +450,7 @@ def recorded(paths: Sequence[Path]) -> Iterator[Script]:
     for one in paths:
         places, visible = read_track(one)
         places += (FRAME_PX[0] / 2, FRAME_PX[1] / 2, 0.0)
-        rest = Rest(*np.median(places[: round(SETTLED_S * 1000)], axis=0).tolist())
+        rest = RestingEyes(*np.median(places[: round(SETTLED_S * 1000)], axis=0).tolist())
         viewer = Person(path_px=places, logit=np.where(visible, SUREST, HIDDEN))
         window = settled(len(places) / 1000, rest=rest)
         yield Script(name=one.stem, people=(viewer,), windows=(window,))

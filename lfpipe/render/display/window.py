@@ -137,7 +137,7 @@ class ScreenWindow(Display):
         self._zoom = Zoom()
         self._is_new = False  # the scene
         self._pans = False  # a drag with the left button
-        self._pressed_s, self._pressed_at = -math.inf, (0, 0)  # the last press of the left button
+        self._pressed = -math.inf, (0, 0)  # time and place of the last press of the left button
         self._drawn: Sequence[Panel] = ()
         # of the picture, and of the submission: a picture may be drawn again
         self._number = self._handed = 0
@@ -147,12 +147,8 @@ class ScreenWindow(Display):
             self.monitor = find_monitor(monitor, monitors()) if monitor else monitors()[0]
             self._windowed = self.monitor.window_for(size_px)
             self._area_px = math.prod(self._windowed)
-            place = (
-                pygame.WINDOWPOS_CENTERED | self.monitor.number
-                if monitor
-                else pygame.WINDOWPOS_UNDEFINED
-            )
-            self._at = place, place
+            centre = pygame.WINDOWPOS_CENTERED | self.monitor.number
+            self._at = (centre if monitor else pygame.WINDOWPOS_UNDEFINED,) * 2
             pygame.font.init()
             self._open()
         except UserError:
@@ -165,14 +161,11 @@ class ScreenWindow(Display):
         self._shown_px = fit_area(size_px, self._painter.size_px())[2]
 
     def _open(self) -> None:
-        whole = self._fullscreen
-        size, at = (self._windowed, self._at)
-        if whole:
-            size, at = (self.monitor.width, self.monitor.height), (self.monitor.x, self.monitor.y)
+        whole, monitor = self._fullscreen, self.monitor
         self._window = pygame.Window(
             self._title,
-            size,
-            at,
+            (monitor.width, monitor.height) if whole else self._windowed,
+            (monitor.x, monitor.y) if whole else self._at,
             fullscreen_desktop=whole,
             resizable=not whole,
             allow_high_dpi=True,
@@ -242,20 +235,18 @@ class ScreenWindow(Display):
         """Returns the time at which the window system accepted the picture."""
         self._shown = picture, pair, how
         if self._is_new:
-            self._take_shape(picture.shape[1] / picture.shape[0])
+            self._fit_shape(picture.shape[1] / picture.shape[0])
         self._number += 1
         self._draw()
         return time.monotonic_ns()
 
-    def _take_shape(self, aspect: float) -> None:
+    def _fit_shape(self, aspect: float) -> None:
         """Gives a window that nobody has resized the shape of another scene, and the same area."""
         self._is_new = False
-        if self._fullscreen or self._window.size != self._windowed:
-            return
-        wide = math.sqrt(self._area_px * aspect)
-        most = self.monitor.window_for((round(1000 * aspect), 1000))
-        self._windowed = min(most, (round(wide), round(wide / aspect)))
-        self._window.size = self._windowed
+        if not self._fullscreen and self._window.size == self._windowed:
+            wide = math.sqrt(self._area_px * aspect)
+            most = self.monitor.window_for((round(1000 * aspect), 1000))
+            self._windowed = self._window.size = min(most, (round(wide), round(wide / aspect)))
 
     def _draw(self, again: bool = True) -> None:
         """Draws picture and overlay. again: also if neither has changed."""
@@ -263,28 +254,25 @@ class ScreenWindow(Display):
         window_px = self._painter.size_px()
         scaled = window_px[0] / self._window.size[0]
         text_px = round(letters_px(self.monitor.height) * scaled)
-        panels = self._view.panels(window_px, text_px)
-        unchanged = panels == self._drawn
-        self._drawn = panels
-        if self._shown is None or (unchanged and not again):
+        before, self._drawn = self._drawn, self._view.panels(window_px, text_px)
+        if self._shown is None or (self._drawn == before and not again):
             return
         picture, pair, how = self._shown
-        part = self._zoom.part(*picture.shape[:2])
-        picture = picture[part]
+        picture = picture[self._zoom.part(*picture.shape[:2])]
         self._shown_px = fit_area((picture.shape[1], picture.shape[0]), window_px)[2]
         if pair is not None:
             left, right = (view[self._zoom.part(*view.shape[:2])] for view in pair)
-            pair = left, right
             # the row of the screen on which the window begins, negative above its top
             first_row = 0 if self._fullscreen else self._window.position[1] - self.monitor.y
-            picture = self._laid = arrange_stereo_pair(pair, how, window_px, first_row, self._laid)
+            picture = self._laid = arrange_stereo_pair(
+                (left, right), how, window_px, first_row, self._laid
+            )
         self._handed += 1
-        if self._presentation is not None:
-            self._numbers[self._handed] = self._number
         with self.waiting():
-            self._painter.paint(picture, panels)
+            self._painter.paint(picture, self._drawn)
             self._painter.swap()
         if self._presentation is not None:
+            self._numbers[self._handed] = self._number
             self._presentation.handed_over(self._handed)
 
     def overlay(self, overlay: Overlay) -> None:
@@ -296,13 +284,12 @@ class ScreenWindow(Display):
 
         Handles full screen itself, and redraws after it was covered or resized.
         """
-        events = list[Event]()
-        again = False
+        event, again = None, False
         self.pointer = attrs.evolve(self.pointer, wheel=0)
         zoom = attrs.evolve(self._zoom)
         with self.waiting():
-            self._natives.extend(window_system.take_events())
-        while self._natives and not events:
+            self._natives.extend(window_system.new_events())
+        while self._natives and event is None:
             native = self._natives.popleft()
             if native.type in RESIZED:
                 self._find_monitor()
@@ -310,31 +297,27 @@ class ScreenWindow(Display):
             event = self._event(native)
             if event == LEAVE_FULLSCREEN:
                 event = Event("fullscreen") if self._fullscreen else None
-            if event is None:
-                continue
-            events.append(event)
-            if event.name == "fullscreen":
-                self._toggle()
-                again = True
+        if event is not None and event.name == "fullscreen":
+            self._toggle()
+            again = True
         self._draw(again or self._zoom != zoom)
-        return events
+        return [] if event is None else [event]
 
     def _event(self, native: pygame.Event) -> Event | None:
         """What a person did."""
+        if native.type in MOUSE:
+            return self._mouse(native)
         if self._code:
             if native.type == pygame.KEYDOWN:
                 self._typed = (self._typed + native.unicode)[-len(self._code) :]
-            if self._typed == self._code:
-                return Event("quit")
-            return self._mouse(native) if native.type in MOUSE else None
+            return Event("quit") if self._typed == self._code else None
         if native.type == pygame.QUIT:
             return Event("quit")
         if native.type == pygame.DROPFILE:
             return Event("load", native.file)
         if native.type == pygame.KEYDOWN:
-            key = NAMES.get(native.key) or native.unicode.lower()
-            return self._view.key(key) if key else None
-        return self._mouse(native) if native.type in MOUSE else None
+            return self._view.key(NAMES.get(native.key) or native.unicode.lower())
+        return None
 
     def _at_px(self) -> tuple[int, int]:
         """The pointer, in px of the window."""
@@ -355,8 +338,8 @@ class ScreenWindow(Display):
             button = BUTTONS.get(event.button) if event.type != pygame.MOUSEMOTION else None
             if button and self._code:
                 button = "right"
-            held = {button: event.type == pygame.MOUSEBUTTONDOWN} if button else {}
-            self.pointer = attrs.evolve(self.pointer, x=x, y=y, **held)
+            pressed = {button: event.type == pygame.MOUSEBUTTONDOWN} if button else {}
+            self.pointer = attrs.evolve(self.pointer, x=x, y=y, **pressed)
 
     def _mouse(self, native: pygame.Event) -> Event | None:
         """Moves the pointer; what a click or a touch means: in a locked window, an entry of the
@@ -374,8 +357,9 @@ class ScreenWindow(Display):
             self._pans = False
         if event is not None and event.name:
             # a click, and no drag of the view; it does not look around
-            right = self.pointer.right and not self._code
-            self.pointer = attrs.evolve(self.pointer, left=False, right=right)
+            self.pointer = attrs.evolve(
+                self.pointer, left=False, right=self.pointer.right and not self._code
+            )
         elif native.type == pygame.MOUSEBUTTONDOWN and native.button == 1 and not self._code:
             self._press(at_px)
         elif self._pans:
@@ -387,12 +371,9 @@ class ScreenWindow(Display):
         """A press of the left button on the picture: perhaps a double click, or the start of a
         drag.
         """
-        now_s = time.monotonic()
-        is_second = (
-            now_s - self._pressed_s < DOUBLE_S and math.dist(at_px, self._pressed_at) < DOUBLE_PX
-        )
-        self._pressed_s, self._pressed_at = now_s, at_px
-        if is_second:
+        (before_s, before_px), self._pressed = self._pressed, (time.monotonic(), at_px)
+        is_near = math.dist(at_px, before_px) < DOUBLE_PX
+        if is_near and self._pressed[0] - before_s < DOUBLE_S:
             self._zoom.reset()
         self._pans = self._zoom.active
         if self._pans:

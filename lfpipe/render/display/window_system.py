@@ -57,15 +57,12 @@ def uses_renderer(driver: str) -> bool:
 def drawn_by(driver: str) -> str:
     """The way in which pictures are drawn, for people."""
     if not uses_renderer(driver):
-        return "drawn by the CPU into a surface in shared memory" + (
-            "" if has_gpu() else " (no GPU)"
-        )
-    return "renderer in step with the screen, " + (
-        "by the GPU" if has_gpu() else "OpenGL in software (no GPU)"
-    )
+        return "drawn by the CPU into a surface in shared memory" + " (no GPU)" * (not has_gpu())
+    by = "by the GPU" if has_gpu() else "OpenGL in software (no GPU)"
+    return f"renderer in step with the screen, {by}"
 
 
-def take_events() -> list[pygame.Event]:
+def new_events() -> list[pygame.Event]:
     """The events since the last call.
 
     pygame cannot decode every name of a dropped file: such a drop has no name.
@@ -256,11 +253,7 @@ def pixel_mm(dots_per_inch: tuple[float, float], width_px: int) -> float | None:
 
 def monitors() -> list[Monitor]:
     """All monitors, by number. pygame.display must be initialised."""
-    facts = zip(
-        pygame.display.get_desktop_sizes(),
-        pygame.display.get_desktop_refresh_rates(),
-        strict=True,
-    )
+    sizes, rates = pygame.display.get_desktop_sizes(), pygame.display.get_desktop_refresh_rates()
     return [
         Monitor(
             number=number,
@@ -272,24 +265,24 @@ def monitors() -> list[Monitor]:
             pixel_mm=pixel_mm(dots_per_inch, width_px),
             rate_hz=float(rate_hz or NOMINAL_HZ),
         )
-        for number, ((width_px, _), rate_hz) in enumerate(facts)
+        for number, ((width_px, _), rate_hz) in enumerate(zip(sizes, rates, strict=True))
         for name, (x, y, width, height), dots_per_inch in [monitor_facts(number)]
     ]
 
 
-def find_monitor(asked: str, offered: list[Monitor]) -> Monitor:
+def find_monitor(wanted: str, offered: list[Monitor]) -> Monitor:
     """The monitor with that number or name, or the only one whose name contains it.
 
     Raises UserError, which lists them.
     """
-    exact = [monitor for monitor in offered if asked in (str(monitor.number), monitor.name)]
-    similar = [monitor for monitor in offered if asked.lower() in monitor.name.lower()]
+    exact = [monitor for monitor in offered if wanted in (str(monitor.number), monitor.name)]
+    similar = [monitor for monitor in offered if wanted.lower() in monitor.name.lower()]
     for matches in (exact, similar):
         if len(matches) == 1:
             return matches[0]
     what = "several monitors are called that" if similar else "no such monitor"
     raise UserError(
-        f"screen.monitor {asked!r}: {what}",
+        f"screen.monitor {wanted!r}: {what}",
         "use the number or part of the name of one of: " + "; ".join(map(str, offered)),
     )
 
@@ -302,10 +295,10 @@ def detect_monitors() -> tuple[str, list[Monitor]]:
         pygame.display.quit()
 
 
-def device_latency_conditions(camera: str, asked: Camera, monitor: Monitor) -> str:
-    """What a device latency holds for. camera: the driver's name. asked: its settings."""
-    rate = "auto rate" if isinstance(asked.rate_hz, str) else f"{asked.rate_hz:g} Hz"
-    mode = f"{asked.width_px}x{asked.height_px} {asked.format} {rate}"
+def device_latency_conditions(camera: str, settings: Camera, monitor: Monitor) -> str:
+    """What a device latency holds for. camera: the driver's name."""
+    rate = "auto rate" if isinstance(settings.rate_hz, str) else f"{settings.rate_hz:g} Hz"
+    mode = f"{settings.width_px}x{settings.height_px} {settings.format} {rate}"
     texts = (camera, mode, monitor.name, f"{monitor.rate_hz:g} Hz")
     return "; ".join(text.replace(";", ",") for text in texts)
 
@@ -318,13 +311,12 @@ def device_latency_doubt(config: Config, camera: str, monitors: list[Monitor]) -
     then = config.render.device_latency_measured.partition("; ")[2]  # after its date
     if not then:
         return "it was set by hand, not measured" if config.render.device_latency_ms else ""
-    asked = str(config.screen.monitor).lower()
-    here = [
-        monitor
+    wanted = str(config.screen.monitor).lower()
+    now = [
+        device_latency_conditions(camera, config.camera, monitor)
         for monitor in monitors
-        if asked in ("", str(monitor.number)) or asked in monitor.name.lower()
+        if wanted in ("", str(monitor.number)) or wanted in monitor.name.lower()
     ]
-    now = [device_latency_conditions(camera, config.camera, monitor) for monitor in here]
     if then in now:
         return ""
     return f"measured with {then}; now it is {' or '.join(now) or 'another monitor'}".replace(

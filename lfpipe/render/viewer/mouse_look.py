@@ -67,8 +67,7 @@ class MouseLook:
 
     def move(self, pointer: Pointer, t_ns: int) -> None:
         """Processes the pointer's state at t_ns."""
-        before = self._pointer
-        self._pointer = pointer
+        before, self._pointer = self._pointer, pointer
         if pointer.left and before.left and self.is_viewer:
             self._anchor = (
                 self._anchor[0] + pointer.x - before.x,
@@ -92,8 +91,7 @@ class MouseLook:
 
         record, stamp: of the camera, if there is one.
         """
-        solver = self._viewer.solver
-        field = self._viewer.field
+        solver, field = self._viewer.solver, self._viewer.field
         face = record if record is not None and record.face else None
         centre_px = (
             np.array(self._size_px) / 2.0
@@ -106,10 +104,9 @@ class MouseLook:
             target_px = start_px
         elif solver is not None:
             x, y = self._pointer.x - self._anchor[0], self._pointer.y - self._anchor[1]
-            across = max(field.cols - 1, 1) * solver.alpha_px
-            down = max(field.rows - 1, 1) * solver.alpha_px
+            steps = -x * max(field.cols - 1, 1), y * max(field.rows - 1, 1)
             # a viewer who moves right is further left in the camera's picture
-            target_px = centre_px + np.array((-x * across, y * down))
+            target_px = centre_px + solver.alpha_px * np.array(steps)
         if self._eased_px is None:
             self._eased_px = (start_px, start_px)
             self._t_ns = t_ns

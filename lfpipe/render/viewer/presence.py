@@ -30,6 +30,7 @@ to neutral; when a face returns, it is eased back. It never jumps.
 
 import enum
 import math
+import operator
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -72,7 +73,7 @@ class ViewerState(enum.IntEnum):
         return self.name.lower()
 
 
-class Rest(NamedTuple):
+class RestingEyes(NamedTuple):
     """The position of a resting viewer."""
 
     x_px: float
@@ -81,7 +82,7 @@ class Rest(NamedTuple):
     """Of the midpoint of the eyes."""
     eye_distance_px: float
 
-    def contains(self, other: "Rest", span: float, depth: float) -> bool:
+    def contains(self, other: "RestingEyes", span: float, depth: float) -> bool:
         """Whether other is within span of here, and of equal size within depth; both are shares of
         the eye distance.
         """
@@ -95,9 +96,9 @@ class Rest(NamedTuple):
 class Seat(NamedTuple):
     """A seat that a viewer left, by moving or because another face took over."""
 
-    last: Rest
+    last: RestingEyes
     """The last position of the viewer."""
-    rest: Rest
+    rest: RestingEyes
     """The measured position."""
     t_ns: int
 
@@ -111,20 +112,18 @@ class Presence:
         self._generation = 0
         self._t_ns = self._since_ns = 0  # of the last face; when its rest began
         self._found_ns = -round(FOUND_S * SECOND_NS)  # when the last loss ended
-        self._first: Rest | None = None  # where the rest began
-        # of x, y and eye distance since then
-        self._sums = (0.0, 0.0, 0.0)
-        self._count = 0
-        self._last: Rest | None = None  # of the followed viewer
-        self._measured: Rest | None = None  # the same
+        self._first: RestingEyes | None = None  # where the rest began
+        self._sums, self._count = RestingEyes(0.0, 0.0, 0.0), 0  # of the eyes since then
+        self._last: RestingEyes | None = None  # of the followed viewer
+        self._measured: RestingEyes | None = None  # the same
         self._left: Seat | None = None
         self._unconfirmed = False  # whether the seat is a former one, where nobody has rested since
-        self.returned = False  # whether the last frame's face is back in its seat
-        self.settled = False  # whether the eyes are still, even briefly
+        # of the last frame: whether its face is back in its seat; whether it is still, even briefly
+        self.returned = self.settled = False
 
     def update(
-        self, t_ns: int, here: Rest | None, generation: int = 0, beyond: bool = False
-    ) -> Rest | None:
+        self, t_ns: int, here: RestingEyes | None, generation: int = 0, beyond: bool = False
+    ) -> RestingEyes | None:
         """Processes the frame of t_ns. here: position of the eyes, None without a face; generation:
         of the face's track; beyond: they are beyond the grid. Returns the rest that gives
         neutral position and distance when it is time to measure them, else None.
@@ -141,8 +140,7 @@ class Presence:
             return None
         gap_ns = t_ns - self._t_ns
         self._t_ns = t_ns
-        other = generation != self._generation
-        self._generation = generation
+        other, self._generation = generation != self._generation, generation
         if state is ViewerState.NOBODY or (
             state is ViewerState.LOST and gap_ns >= ABSENT_S * SECOND_NS
         ):
@@ -177,7 +175,7 @@ class Presence:
         self._measured = rest
         return rest
 
-    def _is_back(self, seat: Seat, here: Rest, beyond: bool) -> bool:
+    def _is_back(self, seat: Seat, here: RestingEyes, beyond: bool) -> bool:
         """Whether the eyes are back in a seat that was left: immediately if another face had taken
         over, and settled if the viewer had moved to another seat.
         """
@@ -205,7 +203,7 @@ class Presence:
         seat = self._left
         return seat if seat is not None and t_ns - seat.t_ns < RETURN_S * SECOND_NS else None
 
-    def _return(self, seat: Seat, here: Rest) -> Rest:
+    def _return(self, seat: Seat, here: RestingEyes) -> RestingEyes:
         """Returns the rest of a seat that is occupied again."""
         self.state = ViewerState.SEATED
         self._first = None
@@ -215,28 +213,21 @@ class Presence:
         self.returned = True
         return seat.rest
 
-    def _rest(self, t_ns: int, here: Rest, other: bool) -> Rest | None:
+    def _rest(self, t_ns: int, here: RestingEyes, other: bool) -> RestingEyes | None:
         """The mean since the eyes came to rest, if that is at least REST_S ago.
 
         other: another face than before.
         """
         if other or self._first is None or not self._first.contains(here, REST_SPAN, REST_DEPTH):
-            self._first = here
-            self._since_ns = t_ns
-            self._sums = (0.0, 0.0, 0.0)
-            self._count = 0
-        x, y, eye_distance = self._sums
-        self._sums = x, y, eye_distance = (
-            x + here.x_px,
-            y + here.y_px,
-            eye_distance + here.eye_distance_px,
-        )
+            self._first, self._since_ns = here, t_ns
+            self._sums, self._count = RestingEyes(0.0, 0.0, 0.0), 0
+        self._sums = RestingEyes(*map(operator.add, self._sums, here))
         self._count += 1
         rest_ns = t_ns - self._since_ns
         self.settled = rest_ns >= SETTLED_S * SECOND_NS and self._count >= SETTLED_FRAMES
         if rest_ns < REST_S * SECOND_NS or self._count < REST_FRAMES:
             return None
-        return Rest(x / self._count, y / self._count, eye_distance / self._count)
+        return RestingEyes(*(total / self._count for total in self._sums))
 
 
 class ViewEasing:
@@ -285,11 +276,10 @@ class ViewEasing:
         """The place to show at t_ns (not decreasing) while there is no face."""
         self._t_ns = t_ns
         if self._shown is None:
-            self._shown = self._left = neutral
+            self._left = neutral
             self._lost_ns = t_ns - round(HOLD_S * SECOND_NS)
         elif self._lost_ns is None:
-            self._lost_ns = t_ns
-            self._left = self._shown
+            self._left, self._lost_ns = self._shown, t_ns
         s = max((t_ns - self._lost_ns) / SECOND_NS - HOLD_S, 0.0) / AWAY_S
         rest = (1 + s) * math.exp(-s) if s < 700 else 0.0
         row, left, right = (

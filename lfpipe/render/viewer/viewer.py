@@ -31,7 +31,7 @@ from lfpipe.render.viewer.geometry import Parallax, alpha_is_automatic, parallax
 from lfpipe.render.viewer.presence import (
     ABSENT_S,
     Presence,
-    Rest,
+    RestingEyes,
     ViewEasing,
     ViewerState,
     idle_place,
@@ -46,7 +46,7 @@ from lfpipe.transport.ring import SECOND_NS
 DISTANCE_S = 0.1
 STILL_S = 1.0
 STILL = 0.02
-KNOWN_S = 0.25  # after which the motion of a face that was just found is trusted
+TRUSTED_S = 0.25  # after which the motion of a face that was just found is trusted
 MOVED = 0.01  # change of the distance after which the views between the eyes are chosen again
 
 # From a video's start to its first vblank, in refreshes. On 60, 75 and 144 Hz, frames of 24, 25 and
@@ -133,11 +133,11 @@ class Viewer:
         self._start_ns = 0  # of a video
         self._easing = ViewEasing()
         self._sways_alone = sways_alone
-        self._alone_ns: int | None = None  # since when there is no viewer
+        self._alone_ns = 0  # since when there is no viewer; 0: there is one
         # px per second of the raw eyes, by the last two frames of a track
         self._raw_px_s = (0.0, 0.0)
         self._raw: tuple[EyesRecord, int] | None = None  # the last frame with a face, its stamp
-        self._found_ns = 0  # when its track began
+        self._track_ns = 0  # when its track began
         self._picture_mm: float | None = None
         self._neutral_is_fixed = neutral_is_fixed
         self.last_viewpoints: Viewpoints | None = None
@@ -155,9 +155,7 @@ class Viewer:
             self._easing.reset()
             self._auto = alpha_is_automatic(config)
             self._size_px = (0, 0)
-        self.field = field
-        self.config = config
-        self._share = share
+        self.field, self.config, self._share = field, config, share
         self._next = None
         self._use(self._make_compositor(field, config, self._wanted_px()))
         if self.parallax is not None:
@@ -174,10 +172,9 @@ class Viewer:
         """Sets a configuration that differs only in render.method and render.rate_hz, and a share:
         geometry stays unchanged.
         """
-        same = config.render.method == self.config.render.method and share == self._share
-        self.config = config
-        self._share = share
-        if not same:
+        before = self.config.render.method, self._share
+        self.config, self._share = config, share
+        if (config.render.method, share) != before:
             self._prepare()
 
     def update_compositor(self) -> bool:
@@ -188,9 +185,8 @@ class Viewer:
             self._prepare()
         if self._next is None or not self._next.done():
             return False
-        made = self._next.result()
+        self._use(self._next.result())
         self._next = None
-        self._use(made)
         return True
 
     def full_picture(self) -> NDArray[np.uint8]:
@@ -202,11 +198,8 @@ class Viewer:
     def _wanted_px(self) -> Size:
         """The size of the next pictures."""
         own_px = self.field.width_px, self.field.height_px
-        shown_px = self._canvas.shown_px(own_px)
-        if self._share < 1 or shown_px[0] < own_px[0]:
-            width = min(shown_px[0], own_px[0]) * self._share
-            return fit_area(own_px, (round(width), own_px[1]))[2:]
-        return own_px
+        width = min(self._canvas.shown_px(own_px)[0], own_px[0]) * self._share
+        return fit_area(own_px, (round(width), own_px[1]))[2:] if width < own_px[0] else own_px
 
     def _prepare(self) -> None:
         """Makes the next compositor beside the pictures in use."""
@@ -219,8 +212,8 @@ class Viewer:
     def _make_compositor(
         self, field: LightField, config: Config, size_px: Size, last: Viewpoints | None = None
     ) -> Compositor:
-        threads = thread_count(math.prod(size_px), self._canvas.cores)
         canvas = self._canvas
+        threads = thread_count(math.prod(size_px), canvas.cores)
         made = Compositor(field, config.render, canvas.helpers, threads, size_px, canvas.gpu)
         if last is not None:
             made.prepare(last.left, last.right, last.frame)
@@ -252,11 +245,11 @@ class Viewer:
         """Sets the width of the picture on the screen, as the display reports it; returns whether
         alpha must be chosen again.
         """
-        new = width_mm != self._picture_mm and self.config.screen.width_mm == "auto"
-        self._picture_mm = width_mm
-        if new:
+        before, self._picture_mm = self._picture_mm, width_mm
+        is_new = width_mm != before and self.config.screen.width_mm == "auto"
+        if is_new:
             self.parallax = self.solver = None
-        return new
+        return is_new
 
     def exchange(self, neutral_is_fixed: bool) -> None:
         """Prepares for another viewer."""
@@ -285,11 +278,10 @@ class Viewer:
             else _predicted(record, t_shown_ns - t_sensor_ns)
         )
         if record is None or (camera_px is None and not self._seen):
-            middle = (self.field.rows - 1) / 2, (self.field.cols - 1) / 2
+            row, col = (self.field.rows - 1) / 2, (self.field.cols - 1) / 2
             absent = record is None or _is_absent(t_sensor_ns, t_shown_ns)
-            place = self._place_alone((*middle, middle[1]), t_shown_ns, absent)
-            left, right = place[:2], (place[0], place[2])
-            used_px = self._eyes_px
+            row, left_col, right_col = self._place_alone((row, col, col), t_shown_ns, absent)
+            used_px, left, right = self._eyes_px, (row, left_col), (row, right_col)
         else:
             used_px, left, right = self._follow(record, camera_px, t_sensor_ns, t_shown_ns)
         self.last_viewpoints = Viewpoints(used_px, left, right, frame)
@@ -325,7 +317,7 @@ class Viewer:
             place = self._place_alone(neutral, t_shown_ns, _is_absent(t_sensor_ns, t_shown_ns))
             used_px = solver.eyes_at(place)
         else:
-            self._alone_ns = None
+            self._alone_ns = 0
             self._eyes_px = used_px = eyes_px
             target = solver.place(eyes_px)
             place = self._easing.followed(t_shown_ns, target, self._explained)
@@ -341,7 +333,7 @@ class Viewer:
         around it.
         """
         if self._sways_alone and (absent or self.presence.state is ViewerState.NOBODY):
-            self._alone_ns = t_shown_ns if self._alone_ns is None else self._alone_ns
+            self._alone_ns = self._alone_ns or t_shown_ns
             t_s = (t_shown_ns - self._alone_ns) / 1e9
             neutral = idle_place(neutral, (self.field.rows, self.field.cols), t_s)
         return self._easing.alone(t_shown_ns, neutral)
@@ -349,13 +341,12 @@ class Viewer:
     def _measure_motion(self, record: EyesRecord, t_sensor_ns: int) -> None:
         """Measures the speed of the raw eyes; filters lag behind it, or report none."""
         last, last_ns = self._raw or (record, t_sensor_ns)
-        same = self._raw is not None and record.generation == last.generation
+        if self._raw is None or record.generation != last.generation:
+            self._track_ns = t_sensor_ns
         self._raw = (record, t_sensor_ns) if record.face else None
-        if not same:
-            self._found_ns = t_sensor_ns
         dt_s = (t_sensor_ns - last_ns) / 1e9
         self._raw_px_s = (0.0, 0.0)
-        if same and record.face and dt_s > 0:
+        if record.face and dt_s > 0 and self._track_ns != t_sensor_ns:
             (x, y), (was_x, was_y) = middle_of(record.raw_px), middle_of(last.raw_px)
             self._raw_px_s = (x - was_x) / dt_s, (y - was_y) / dt_s
 
@@ -364,8 +355,7 @@ class Viewer:
         just found, and none while the eyes drag the neutral position along.
         """
         assert self.solver is not None
-        known = self._raw is not None and self._raw[1] - self._found_ns >= KNOWN_S * 1e9
-        if self._raw is None or not known or self._dragged:
+        if self._raw is None or self._dragged or self._raw[1] - self._track_ns < TRUSTED_S * 1e9:
             return 0.0, 0.0, 0.0
         (u, v, p, q), (raw_u, raw_v) = self._raw[0].velocity_px_s, self._raw_px_s
         x = max((u + p) / 2, raw_u, key=abs) * dt_s
@@ -378,8 +368,8 @@ class Viewer:
     def _follow_distance(self, record: EyesRecord, eyes_px: Eyes, dt_s: float) -> None:
         """Rejects impossible eye distances, which would persist in the running average."""
         eye_distance_px = record.eye_distance_px
-        # not known: that in the picture
         if not MIN_EYE_DISTANCE_PX <= eye_distance_px <= MAX_EYE_PX:
+            # that in the picture
             eye_distance_px = max(math.dist(eyes_px[:2], eyes_px[2:]), MIN_EYE_DISTANCE_PX)
         if not self._seen:
             self._eye_distance_px = eye_distance_px
@@ -396,7 +386,7 @@ class Viewer:
         self, generation: int, t_sensor_ns: int, solver: ViewSolver, eyes_px: Eyes | None
     ) -> None:
         """Measures neutral position and distance when a viewer has come to rest."""
-        here = None if eyes_px is None else Rest(*middle_of(eyes_px), self._near_px)
+        here = None if eyes_px is None else RestingEyes(*middle_of(eyes_px), self._near_px)
         beyond = eyes_px is not None and solver.beyond(eyes_px)
         rest = self.presence.update(t_sensor_ns, here, generation, beyond)
         if rest is not None and self._auto and not self._neutral_is_fixed:
