@@ -317,10 +317,10 @@ class LiveRow(Listener):
 
 # The pictures that a replay keeps: a digest of each, a few for people, and as many as fit for a
 # comparison: packets in folder/pictures, of every composed one while they take less than
-# KEPT_BYTES, then of every second, fourth, ... frame, so that two runs have frames in common.
+# STORED_BYTES, then of every second, fourth, ... frame, so that two runs have frames in common.
 
 
-KEPT_BYTES = 8 << 20  # a reference is committed
+STORED_BYTES = 8 << 20  # a reference is committed
 PICTURES = "pictures"
 
 
@@ -344,7 +344,7 @@ class ReplayWriter(Listener):
         self._first_ns: int | None = None
         self._digest = ""
         self._stride = 1
-        self._kept = dict[int, tuple[Stamp, bytes]]()
+        self._stored = dict[int, tuple[Stamp, bytes]]()
         self._named: dict[str, NDArray[np.uint8]] = {}  # first, last and worst picture
         self._worst_px = -1.0
 
@@ -381,19 +381,22 @@ class ReplayWriter(Listener):
     def _store(self, stamp: Stamp, picture: NDArray[np.uint8]) -> None:
         if stamp.source_seq % self._stride:
             return
-        self._kept[stamp.source_seq] = (stamp, encoded(picture))
+        self._stored[stamp.source_seq] = (stamp, encoded(picture))
         while (
-            sum(len(kept) for _, kept in self._kept.values()) > KEPT_BYTES and len(self._kept) > 1
+            sum(len(data) for _, data in self._stored.values()) > STORED_BYTES
+            and len(self._stored) > 1
         ):
             self._stride *= 2
-            self._kept = {seq: kept for seq, kept in self._kept.items() if seq % self._stride == 0}
+            self._stored = {
+                seq: one for seq, one in self._stored.items() if seq % self._stride == 0
+            }
 
     def close(self) -> None:
         """Writes the pictures."""
         try:
             (self._folder / PICTURES).mkdir()
             writer = PacketWriter(self._folder / PICTURES)
-            for seq, (stamp, data) in sorted(self._kept.items()):
+            for seq, (stamp, data) in sorted(self._stored.items()):
                 writer.append(
                     data, "png", seq, stamp.epoch, stamp.t_sensor_ns - (self._first_ns or 0), 0
                 )

@@ -283,11 +283,10 @@ class Presenter:
             drawing = self._draw(self._viewer, key)
             self.picture = drawing.picture
             self._number += 1
-        t_composed_ns = t_handed_ns = now_ns()
+        t_composed_ns = now_ns()
         if self._refresh is not None:
             sleep_until(self._refresh.earliest_ns(display_time.target_ns))
-            t_handed_ns = now_ns()
-        cost_ns = 0
+        t_handed_ns, cost_ns = now_ns(), 0
         if drawing is not None:
             t_handing_ns, cpu_ns = t_handed_ns, time.process_time_ns()
             t_handed_ns = self._display.show(*drawing, self._viewer.config.render.anaglyph)
@@ -309,9 +308,9 @@ class Presenter:
         )
         self._seq += 1
         if presentation.composed:
-            self.cost_ns += int(COST_SHARE * (presentation.cost_ns - self.cost_ns))
+            self.cost_ns += int(COST_SHARE * (cost_ns - self.cost_ns))
             if self._refresh is not None:
-                self._refresh.add_cost(presentation.cost_ns)
+                self._refresh.add_cost(cost_ns)
         for listener in self._listeners:
             listener.handed_over(presentation)
         if not self._display.vblank_source:

@@ -243,7 +243,7 @@ def test_only_results_are_cleared_and_links_are_none(tmp_path: Path) -> None:
 def test_kept_pictures_of_two_runs_have_frames_in_common(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(listeners, "KEPT_BYTES", 20_000)
+    monkeypatch.setattr(listeners, "STORED_BYTES", 20_000)
     rng = np.random.default_rng(3)
     kept = []
     for size in (16, 24):

@@ -88,8 +88,7 @@ def _eye_picture(left: bool, size_px: tuple[int, int]) -> NDArray[np.uint8]:
         else slice(width // 2 + width // 32, width - width // 16)
     )
     picture[height // 8 : height - height // 8, patch] = DARK
-    letter = "L" if left else "R"
-    scale = min(width / 2, height) / 40
+    letter, scale = "L" if left else "R", min(width / 2, height) / 40
     (wide, high), _ = cv2.getTextSize(letter, FONT, scale, line)
     # above the middle: the lines of the test lie below
     at = (patch.start + patch.stop - wide) // 2, round(LETTER_AT * height) + high // 2
@@ -177,7 +176,7 @@ def viewer_menu(kind: str) -> Menu:
         Item(label, Event("look", word), icon=word, more=LOOKS[word], row=True)
         for word, label in VIEWERS.items()
     )
-    return Menu("Viewer", items, list(VIEWERS).index(kind) if kind in VIEWERS else 0)
+    return Menu("Viewer", items, list(VIEWERS).index(kind) if kind else 0)
 
 
 @attrs.define(eq=False)
@@ -240,10 +239,8 @@ class Distance:
     def handle(self, event: Event) -> bool:
         """Follows an event; returns whether it is one of its own."""
         low, high = SLIDER_CM
-        if event.name == "distance":
-            self.set(low + round(event.value * (high - low)))
-        else:
-            self.set(self.cm + STEPS.get(event.name, 0))
+        slid_cm = low + round(event.value * (high - low))
+        self.set(slid_cm if event.name == "distance" else self.cm + STEPS.get(event.name, 0))
         return event.name in (*STEPS, "distance")
 
     @property
@@ -300,9 +297,9 @@ def mirrored(
     eyes = [(round(drawn.shape[1] - 1 - x), round(y)) for x, y in eyes_px]
     middle = np.mean(eyes, axis=0).round().astype(int).tolist()
     radius_px = round(RING * math.dist(*eyes))
-    for share, colour in ((1.0, OFF), (still, ACCENT)):
-        size = (radius_px, radius_px)
-        cv2.ellipse(drawn, middle, size, 0, -90, 360 * share - 90, colour[::-1], 4, cv2.LINE_AA)
+    size = radius_px, radius_px
+    for end, colour in ((270, OFF), (360 * still - 90, ACCENT)):
+        cv2.ellipse(drawn, middle, size, 0, -90, end, colour[::-1], 4, cv2.LINE_AA)
     for eye, colour in zip(eyes, (RED, ACCENT), strict=True):  # as the lenses of most glasses
         cv2.circle(drawn, eye, max(4, radius_px // 12), colour[::-1], 2, cv2.LINE_AA)
     return drawn
@@ -356,8 +353,7 @@ class CalibrationPage(Page):
             self._rings.pop().close()
 
     def _begin(self) -> None:
-        self.is_stored = False
-        self._eyes = StillEyes()
+        self.is_stored, self._eyes = False, StillEyes()
 
     @property
     def _is_ready(self) -> bool:
@@ -386,9 +382,9 @@ class CalibrationPage(Page):
         if frames.read(self._frame) is not None:
             self._presenter.redraw()
         if eyes.read(self._record) is not None:
-            seen = EyesRecord.of(self._record)
-            distance_px = seen.eye_distance_px or math.dist(seen.raw_px[:2], seen.raw_px[2:])
-            self._eyes.add(distance_px if seen.face else None)
+            record = EyesRecord.of(self._record)
+            distance_px = record.eye_distance_px or math.dist(record.raw_px[:2], record.raw_px[2:])
+            self._eyes.add(distance_px if record.face else None)
         return calibration_page(self.distance, self._is_ready, self._eyes.has_face, self.is_stored)
 
     def _draw(self, _viewer: Viewer, _key: Key) -> Drawing:

@@ -77,31 +77,30 @@ def list_folder(folder: Path | None) -> Content:
     return Content(folder, sorted(folders, key=natural), scenes, len(files) - len(scenes))
 
 
-def folder_menu(content: Content, pictures: Mapping[str, "Seen"]) -> Menu:
+def folder_menu(content: Content, pictures: Mapping[str, "Preview"]) -> Menu:
     """The content of a folder, as much as there is a place for. pictures: by path."""
     folder = content.folder
-    own, up = "Open this folder", folder.parent
-    if content.views:
-        own = f"Open these {content.views} pictures as one scene"
+    views, up = content.views, folder.parent
+    label = f"Open these {views} pictures as one scene" if views else "Open this folder"
     fixed = (
-        Item(own, Event("load", str(folder)), icon="choose", row=True, main=True),
+        Item(label, Event("load", str(folder)), icon="choose", row=True, main=True),
         Item("Up", Event("enter-folder", str(up)), icon="up", more=_title(up), row=True),
     )
     tiles = [
-        Item(name, Event(event, path), icon=kind, picture=seen[0], more=seen[1])
+        Item(name, Event(event, path), icon=kind, picture=preview[0], more=preview[1])
         for event, kind, names in (
             ("enter-folder", "open", content.folders),
             ("load", "file", content.scenes),
         )
         for name in names
         for path in [str(folder / name)]
-        for seen in [pictures.get(path, UNSEEN)]
+        for preview in [pictures.get(path, NO_PREVIEW)]
     ]
     more = len(tiles) - MAX_LISTED
     note = (Item(f"{more} more: drop them here", row=True),) if more > 0 else ()
     # with views, it is a scene itself
-    at = 0 if content.views or not content.folders else len(fixed)
-    return Menu(_title(folder), (*fixed, *note, *tiles[:MAX_LISTED]), at + len(note) * bool(at))
+    at = 0 if views or not content.folders else len(fixed) + len(note)
+    return Menu(_title(folder), (*fixed, *note, *tiles[:MAX_LISTED]), at)
 
 
 def _title(folder: Path) -> str:
@@ -121,7 +120,7 @@ class FolderPage(Page):
     _context: Context
     _files: Files
     _content: Content | None = None
-    _pictures: dict[str, "Seen"] = attrs.field(factory=dict)
+    _pictures: dict[str, "Preview"] = attrs.field(factory=dict)
 
     def open(self) -> None:
         """Reads the folder again: files may be new."""
@@ -164,7 +163,7 @@ OPEN = Item("Open a folder or file", Event("open"), icon="open", row=True, main=
 # between two pictures of the camera: a motion is visible, and the scene keeps its rate
 CAMERA_NS = SECOND_NS // 5
 THUMBNAILS = Path(__file__).parent / "thumbnails"  # by tools.make_docs_pictures
-KEPT_PX = (480, 360)  # of a thumbnail, at most: larger than a cell of most menus
+PREVIEW_PX = (480, 360)  # of a thumbnail, at most: larger than a cell of most menus
 # of the packer -> what it does, for people
 WORK = {
     "opening": "",
@@ -173,8 +172,8 @@ WORK = {
     "method": "choosing a method",
 }
 LOOK = Event("who")
-Seen = tuple[NDArray[np.uint8] | None, str]  # a small picture of a scene, and what it is
-UNSEEN: Seen = None, ""
+Preview = tuple[NDArray[np.uint8] | None, str]  # a small picture of a scene, and what it is
+NO_PREVIEW: Preview = None, ""
 CAMERA_LOOKS = Item("Viewer", LOOK, icon="camera", row=True)
 MOUSE_LOOKS = Item("Viewer: mouse", LOOK, icon="mouse", row=True)
 
@@ -254,13 +253,9 @@ class SceneLoader:
                 self._shown_ns = t_ns
                 self.step(1)
             return
-        alone_ns = t_ns - int(self._context.row["t_face_ns"])
-        if (
-            options.lock_code
-            and options.playlist_at
-            and alone_ns > ALONE_NS
-            and t_ns > self._first_due_ns
-        ):
+        is_alone = t_ns - int(self._context.row["t_face_ns"]) > ALONE_NS
+        due = is_alone and t_ns > self._first_due_ns
+        if options.lock_code and options.playlist_at and due:
             self._first_due_ns = t_ns + ALONE_NS  # it may need packing again
             self._context.request("load", at=0)
 
@@ -279,21 +274,20 @@ def caption(scene: Path, name: str) -> tuple[str, str]:
     return name, ""
 
 
-def middle_view(scene: str, settings: Scene) -> Seen:
+def middle_view(scene: str, settings: Scene) -> Preview:
     """A small picture of a scene, RGB, from its pack, and what it is; None and nothing if it was
     never opened.
     """
     with contextlib.suppress(UserError, OSError):
         if (field := packed(scene, settings)) is not None:
-            planes = field.views[0, field.rows // 2, field.cols // 2]
-            grey_or_rgb = np.moveaxis(planes, 0, -1)
-            _, _, *small_px = fit_area((field.width_px, field.height_px), KEPT_PX)
+            grey_or_rgb = np.moveaxis(field.views[0, field.rows // 2, field.cols // 2], 0, -1)
+            _, _, *small_px = fit_area((field.width_px, field.height_px), PREVIEW_PX)
             small = cv2.resize(grey_or_rgb, small_px, interpolation=cv2.INTER_AREA)
             rgb = np.broadcast_to(np.atleast_3d(small), (*small.shape[:2], 3))
             count = field.rows * field.cols
             views = "stereo" if count == 2 else f"{field.rows} x {field.cols} views"
             return np.asarray(rgb), views if count > 1 else "one view"
-    return UNSEEN
+    return NO_PREVIEW
 
 
 @attrs.define(eq=False)
@@ -302,7 +296,7 @@ class ScenePage(Page):
 
     _context: Context
     _files: Files
-    _pictures: dict[str, Seen] = attrs.field(factory=dict)
+    _pictures: dict[str, Preview] = attrs.field(factory=dict)
     _camera: Reader | None = None
     _camera_due_ns: int = 0
     _camera_item: Item = CAMERA_LOOKS
@@ -313,21 +307,18 @@ class ScenePage(Page):
         shown = options.playlist[options.playlist_at]
         kind = viewer_kind(options.viewer)
         items = [OPEN, *([MOUSE_LOOKS if kind == "mouse" else self._camera_item] if kind else [])]
-        own = [scene for scene in options.playlist if not self._is_own(scene)]
-        demos = [scene for scene in options.playlist if self._is_own(scene)]
-        for heading, scenes in (("Recent" if options.start else "Scenes", own), ("Demos", demos)):
-            tiles = [self._tile(scene) for scene in scenes]
+        for heading, demos in (("Recent" if options.start else "Scenes", False), ("Demos", True)):
+            tiles = [self._tile(one) for one in options.playlist if self._is_demo(one) == demos]
             items += [Item(heading, row=True), *tiles] if tiles else []
         at = next((k for k, item in enumerate(items) if item.event.text == shown), 0)
         return Menu("lfpipe" if options.start else "Choose a scene", tuple(items), at)
 
     def _tile(self, scene: str) -> Item:
-        picture, what = self._pictures.get(scene, UNSEEN)
+        picture, what = self._pictures.get(scene, NO_PREVIEW)
         why = self._context.options.unusable.get(scene, "")
         path = Path(scene)
-        is_file = path.suffix.lower() in (*PICTURES, *HOLDS_ALL)
         return Item(
-            path.stem if is_file else path.name,
+            path.stem if path.suffix.lower() in (*PICTURES, *HOLDS_ALL) else path.name,
             Event("load", scene),
             icon="file",
             picture=picture,
@@ -342,7 +333,7 @@ class ScenePage(Page):
         options = self._context.options
         for scene in options.playlist:
             stored = THUMBNAILS / f"{Path(scene).name}.jpg"
-            if self._is_own(scene) and exists(stored):
+            if self._is_demo(scene) and exists(stored):
                 picture = np.asarray(cv2.imread(str(stored)), np.uint8)[..., ::-1]
                 self._pictures[scene] = picture, ""
             else:
@@ -351,7 +342,7 @@ class ScenePage(Page):
         if options.viewer.tracked and self._camera is None:
             self._camera = Reader(self._context.spec.session.segment("frames"))
 
-    def _is_own(self, scene: str) -> bool:
+    def _is_demo(self, scene: str) -> bool:
         """Whether a scene is of our own making: it is always there."""
         return Path(scene).is_relative_to(cache_dir(self._context.config.scene))
 
@@ -359,23 +350,22 @@ class ScenePage(Page):
         is_tracked = self._context.options.viewer.tracked
         if is_tracked and self._camera is not None and t_ns >= self._camera_due_ns:
             self._camera_due_ns = t_ns + CAMERA_NS
-            self._see_camera(self._camera)
+            self._read_camera(self._camera)
         return Overlay(menu=self.menu())
 
-    def _see_camera(self, camera: Reader) -> None:
-        """Takes the camera's newest picture, mirrored."""
+    def _read_camera(self, camera: Reader) -> None:
+        """Reads the camera's newest picture, and mirrors it."""
         frame_px = self._context.config.camera.frame_px
         frame = np.empty((*frame_px[::-1], 3), np.uint8)
-        if camera.read(frame) is None:
-            return
-        small_px = fit_area(frame_px, KEPT_PX)[2:]
-        small = np.asarray(cv2.resize(frame, small_px, interpolation=cv2.INTER_AREA), np.uint8)
-        name = viewer_name(self._context.options.viewer)
-        seen = "I see you" if self._context.row["face"] else "no face seen"
-        self._camera_item = Item(
-            f"Viewer: {name.lower()}",
-            LOOK,
-            picture=small[:, ::-1, ::-1],
-            more=seen if name == VIEWERS["camera"] else "",
-            row=True,
-        )
+        if camera.read(frame) is not None:
+            small_px = fit_area(frame_px, PREVIEW_PX)[2:]
+            small = np.asarray(cv2.resize(frame, small_px, interpolation=cv2.INTER_AREA), np.uint8)
+            name = viewer_name(self._context.options.viewer)
+            answer = "I see you" if self._context.row["face"] else "no face seen"
+            self._camera_item = Item(
+                f"Viewer: {name.lower()}",
+                LOOK,
+                picture=small[:, ::-1, ::-1],
+                more=answer if name == VIEWERS["camera"] else "",
+                row=True,
+            )

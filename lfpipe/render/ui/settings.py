@@ -123,11 +123,8 @@ class Notices:
 def for_window(error: str, remedy: str = "") -> str:
     """An error and its remedy in the window: without paths and commands of a terminal."""
     text, *_ = error.splitlines()
-    if text.startswith("/"):
-        path, _, text = text.partition(": ")
-        text = f"{Path(path).name}: {text}"
-    else:
-        text = sentence(text)
+    path, _, reason = text.partition(": ")
+    text = f"{Path(path).name}: {reason}" if text.startswith("/") else sentence(text)
     return f"{text}." if not remedy or COMMAND.search(remedy) else f"{text}: {remedy}."
 
 
@@ -149,10 +146,10 @@ def metrics(context: Context, viewer: Viewer) -> tuple[str, ...]:
     lines += ["", "Latency"] * any(count for *_, count in times)
     lines += [f"{name}\t{ms:.0f} ms\t{ms / LONG_MS}" for name, ms, count in times if count]
     if views:
-        places = ("Left eye", views.left[1]), ("Right eye", views.right[1])
+        columns = ("Left eye", views.left[1]), ("Right eye", views.right[1])
         last = max(1, field.cols - 1)
         lines += ["", f"Column of {field.cols}"]
-        lines += [f"{name}\t{col + 1:.1f}\t{col / last}" for name, col in places]
+        lines += [f"{name}\t{col + 1:.1f}\t{col / last}" for name, col in columns]
     return tuple(lines)
 
 
@@ -386,8 +383,7 @@ def user_folder(folder: Path) -> Path:
     directory if the desktop has none.
     """
     with contextlib.suppress(OSError):
-        if folder != Path.home():
-            folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
         if folder != Path.home() and os.access(folder, os.W_OK):
             return folder
     return Path.cwd()
