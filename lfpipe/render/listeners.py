@@ -382,14 +382,11 @@ class ReplayWriter(Listener):
         if stamp.source_seq % self._stride:
             return
         self._stored[stamp.source_seq] = (stamp, encoded(picture))
-        while (
-            sum(len(data) for _, data in self._stored.values()) > STORED_BYTES
-            and len(self._stored) > 1
-        ):
+        stored = self._stored
+        while sum(len(data) for _, data in stored.values()) > STORED_BYTES and len(stored) > 1:
             self._stride *= 2
-            self._stored = {
-                seq: one for seq, one in self._stored.items() if seq % self._stride == 0
-            }
+            stored = {seq: one for seq, one in stored.items() if seq % self._stride == 0}
+        self._stored = stored
 
     def close(self) -> None:
         """Writes the pictures."""
