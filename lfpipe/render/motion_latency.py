@@ -25,7 +25,7 @@ WITHIN_NS = 600 * MS_NS  # a later picture is unrelated to the motion
 UNDER_WAY = 0.5  # eye distances per second; below, noise dominates
 # the slowest filter (mean of 5 at 30 Hz: 167 ms) and a loop of 130 ms have settled
 SETTLED_NS = 300 * MS_NS
-KEPT = 0.995  # decay of the sums per picture: some 200 pictures in motion
+DECAY = 0.995  # decay of the sums per picture: some 200 pictures in motion
 SHARE = 0.2  # weight of the newest onset in its running mean, which begins as a plain mean
 MAX_PICTURES = 240  # of a second and more, at every rate of a screen
 
@@ -52,7 +52,7 @@ class _Picture(NamedTuple):
 
 
 class MotionLatency:
-    """onset_ns, steady_ns: 0 until known."""
+    """onset_ns, steady_ns: 0 until they are measured."""
 
     def __init__(self) -> None:
         self.onset_ns = self.steady_ns = 0
@@ -103,8 +103,7 @@ class MotionLatency:
     def _add_lag(self, last: _Frame, frame: _Frame) -> None:
         """Compares the pictures between two frames with where the eyes were."""
         period_ns = frame.t_ns - last.t_ns
-        dx = frame.x - last.x
-        dy = frame.y - last.y
+        dx, dy = frame.x - last.x, frame.y - last.y
         if math.hypot(dx, dy) / last.eye_distance_px * SECOND_NS / period_ns < UNDER_WAY:
             self._under_way_ns = None
             return
@@ -115,8 +114,8 @@ class MotionLatency:
             if not 0 < share <= 1 or picture.t_middle_ns - self._under_way_ns < SETTLED_NS:
                 continue
             behind = (last.x + share * dx - picture.x) * dx + (last.y + share * dy - picture.y) * dy
-            self._lag = KEPT * self._lag + behind * period_ns
-            self._power = KEPT * self._power + dx * dx + dy * dy
+            self._lag = DECAY * self._lag + behind * period_ns
+            self._power = DECAY * self._power + dx * dx + dy * dy
             self.steady_ns = round(self._lag / self._power)
 
     def _find_motion(self, last: _Frame, frame: _Frame) -> None:
@@ -143,15 +142,13 @@ class MotionLatency:
             (reach_px - before_px) / (now_px - before_px) * (frame.t_ns - last.t_ns)
         )
         self._add_onset()
-        self._motion = (rest._replace(t_ns=t_ns), reach_px)
-        self._rest = None
+        self._motion, self._rest = (rest._replace(t_ns=t_ns), reach_px), None
 
     def _add_onset(self) -> None:
         """Finds the first picture that shows the last motion, if it is not found yet."""
         if self._motion is None:
             return
-        (start_ns, x, y, _), reach_px = self._motion
-        self._motion = None
+        ((start_ns, x, y, _), reach_px), self._motion = self._motion, None
         shows = [
             picture.t_light_ns - start_ns
             for picture in self._pictures

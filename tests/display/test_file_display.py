@@ -12,7 +12,7 @@ import pytest
 
 from lfpipe.files.codecs import VideoWriter
 from lfpipe.render.display.display import DisplayNotice
-from lfpipe.render.display.file_display import CHECK_FRAMES, FileDisplay
+from lfpipe.render.display.file_display import FileDisplay
 
 
 def read_back(path: Path) -> list[np.ndarray]:
@@ -55,7 +55,7 @@ def test_file_display_mkv_keeps_every_value(tmp_path: Path, size: tuple[int, int
 def test_file_display_ends_the_video_on_a_full_disk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pictures = [noise(1, 32, 32)[0]] * (CHECK_FRAMES * 4)
+    pictures = [noise(1, 32, 32)[0]] * 40
     _, notices = record(tmp_path / "out.mkv", pictures, 200.0, 0.005, reserve_bytes=1 << 60)
     assert (
         len(notices) == 1
@@ -63,7 +63,7 @@ def test_file_display_ends_the_video_on_a_full_disk(
         and "the disk is full" in notices[0].text
         and "out.mkv" in notices[0].text
     )
-    assert len(read_back(tmp_path / "out.mkv")) == CHECK_FRAMES  # what was written can be played
+    assert len(read_back(tmp_path / "out.mkv")) == 1  # what was written can be played
 
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")

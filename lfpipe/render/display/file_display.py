@@ -34,7 +34,6 @@ SUFFIXES = (".mkv", ".avi", ".mp4")
 QUEUE_PICTURES = 8  # a short wait for the disk
 # left free on the disk, so that the video makes nothing else on the machine fail
 RESERVE_BYTES = 64 << 20
-CHECK_FRAMES = 16  # between two looks at the disk: four a second at 60 Hz
 # an encoder that lags by more than a short wait for the disk no longer repeats pictures
 BEHIND_S = 0.5
 AHEAD_FRAMES = 2  # pictures faster than the rate are accepted until the video is this far ahead
@@ -74,14 +73,14 @@ class FileDisplay(Display):
         """path: as `check_file` accepts. size_px: (width, height) of the pictures. Raises UserError
         if it cannot be created.
         """
-        place = Path(os.path.realpath(path))
+        target = Path(os.path.realpath(path))
         try:
-            check_regular(place)
-            place.unlink(missing_ok=True)
-            create_private(place).close()
+            check_regular(target)
+            target.unlink(missing_ok=True)
+            create_private(target).close()
         except OSError as error:
             raise write_error(path, error) from None
-        self._writer = VideoWriter(place, size_px, rate_hz, IN_FRAGMENTS)
+        self._writer = VideoWriter(target, size_px, rate_hz, IN_FRAGMENTS)
         self._path = path
         self._size = size_px
         self._period_ns = 1e9 / rate_hz
@@ -104,8 +103,8 @@ class FileDisplay(Display):
         return t_ns
 
     def notices(self) -> list[DisplayNotice]:
-        taken, self._notices = self._notices, []
-        return taken
+        notices, self._notices = self._notices, []
+        return notices
 
     def close(self) -> None:
         while self._thread.is_alive():
@@ -134,8 +133,8 @@ class FileDisplay(Display):
 
     def _write_all(self) -> None:
         """Writes pictures until the end. Raises OSError."""
-        t_ns, picture = self._queue.get()
-        start_ns = t_ns
+        start_ns, picture = self._queue.get()
+        t_ns = start_ns
         while picture is not None:
             if self._written - round((t_ns - start_ns) / self._period_ns) <= AHEAD_FRAMES:
                 self._put(picture)
@@ -166,10 +165,9 @@ class FileDisplay(Display):
         """Writes a picture. Raises OSError, also for a full disk, which OpenCV does not report."""
         self._writer.write(picture)
         self._written += 1
-        if self._written % CHECK_FRAMES == 0:
-            free = shutil.disk_usage(self._path.parent).free
-            if free < self._reserve:
-                raise OSError(errno.ENOSPC, f"the disk is full ({free / 1e6:.0f} MB free)")
+        free = shutil.disk_usage(self._path.parent).free
+        if free < self._reserve:
+            raise OSError(errno.ENOSPC, f"the disk is full ({free / 1e6:.0f} MB free)")
 
 
 def save(path: Path, picture: NDArray[np.uint8]) -> str:

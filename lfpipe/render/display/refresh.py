@@ -67,8 +67,7 @@ class Refresh:
 
     def add_eyes(self, source_seq: int, t_sensor_ns: int, t_eyes_ns: int) -> None:
         """Records that new eyes, of that frame, arrived at t_eyes_ns."""
-        last = self._last
-        self._last = (source_seq, t_sensor_ns)
+        last, self._last = self._last, (source_seq, t_sensor_ns)
         if last is None or source_seq <= last[0] or t_sensor_ns - last[1] > MAX_STEP_NS:
             self._locked = False  # the first frame, or the first after a gap: the phase is new
             return
@@ -125,14 +124,12 @@ class ScreenClock:
         """Adds a vblank at t_ns. period_ns: reported with it, or 0."""
         if abs(period_ns / self.period_ns - 1) > PERIOD_RANGE and period_ns > MS_NS:
             # another monitor, or one that claims another rate
-            self.period_ns = float(period_ns)
-            self._off = OFF_COUNT
+            self.period_ns, self._off = float(period_ns), OFF_COUNT
         count = round((t_ns - self._t_ns) / self.period_ns)
         error_ns = t_ns - self._t_ns - count * self.period_ns
         self._off = self._off + 1 if abs(error_ns) > OFF_GRID * self.period_ns else 0
         if self._off >= OFF_COUNT:
-            self._t_ns = float(t_ns)
-            self._off = 0
+            self._t_ns, self._off = float(t_ns), 0
         elif count > 0 and not self._off:
             self._t_ns += count * self.period_ns + PHASE_GAIN * error_ns
             self.period_ns += PERIOD_GAIN * error_ns / count
@@ -151,10 +148,9 @@ class ScreenRefresh(Refresh):
     """
 
     def __init__(self, nominal_hz: float, t0_ns: int, limit_hz: float = 0.0) -> None:
+        super().__init__(nominal_hz, t0_ns)
         self.clock = ScreenClock(nominal_hz, t0_ns)
         self._limit_hz = limit_hz
-        self._due_ns = t0_ns
-        self._cost_ns = 0
         self._last_cost_ns = 0
         self._punctual = 0  # pictures since the last late one
         self._margin_ns = float(MARGIN_NS)
@@ -166,12 +162,8 @@ class ScreenRefresh(Refresh):
 
     @property
     def period_ns(self) -> int:
-        every = (
-            max(1, round(SECOND_NS / self.clock.period_ns / self._limit_hz))
-            if self._limit_hz
-            else 1
-        )
-        return round(every * self.clock.period_ns)
+        limit_ns = SECOND_NS / self._limit_hz if self._limit_hz else 0.0
+        return round(max(1, round(limit_ns / self.clock.period_ns)) * self.clock.period_ns)
 
     def due_ns(self) -> int:
         return self.clock.nearest(self._due_ns)
@@ -190,11 +182,10 @@ class ScreenRefresh(Refresh):
         """A picture may cost several periods, and is then begun as long before its vblank. A single
         one of more than a period is a stall: it counts as the one before.
         """
-        counted_ns = min(cost_ns, round(MAX_COST_PERIODS * self.clock.period_ns))
-        if cost_ns > self.clock.period_ns:
-            counted_ns = min(counted_ns, self._last_cost_ns)
+        period_ns, before_ns = self.clock.period_ns, self._last_cost_ns
         self._last_cost_ns = cost_ns
-        super().add_cost(counted_ns)
+        counted_ns = min(cost_ns, before_ns) if cost_ns > period_ns else cost_ns
+        super().add_cost(min(counted_ns, round(MAX_COST_PERIODS * period_ns)))
 
     def judge(self, target_ns: int, t_handed_ns: int, t_presented_ns: int) -> bool:
         """Learns from a picture for the vblank target_ns, shown at t_presented_ns, 0 for never;
@@ -210,8 +201,7 @@ class ScreenRefresh(Refresh):
         t_presented_ns = t_presented_ns or round(target_ns + period_ns)
         vblanks = round((t_presented_ns - target_ns) / period_ns)
         if vblanks <= 0 or t_presented_ns - t_handed_ns <= period_ns:
-            self._queued = 0
-            self._margin_before_ns = self._margin_ns
+            self._queued, self._margin_before_ns = 0, self._margin_ns
         self._queued += vblanks > 0
         if self._queued == SOON:
             self._due_ns += round(vblanks * period_ns)
@@ -232,8 +222,7 @@ class ScreenRefresh(Refresh):
         else:
             self._margin_ns -= NARROWING * self._punctual**3
         if vblanks:
-            self._changed_ns = max(t_presented_ns, t_handed_ns)
-            self._punctual = 0
+            self._changed_ns, self._punctual = max(t_presented_ns, t_handed_ns), 0
         most_ns = MAX_MARGIN_PERIODS * max(period_ns, self._cost_ns) + self._ahead_ns
         self._margin_ns = min(max(self._margin_ns, STEP_NS), most_ns)
         return vblanks != 0

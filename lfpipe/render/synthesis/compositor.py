@@ -71,13 +71,13 @@ class Painters(Protocol):
         """A painter. It, and its `paint`, raise PainterLost."""
 
 
-def open_painters(asked: str, thread: Executor) -> tuple[Painters | None, str]:
-    """The painters for `render.device` = asked that an entry point of `lfpipe.painters` offers, or
+def open_painters(device: str, thread: Executor) -> tuple[Painters | None, str]:
+    """The painters for `render.device` = device that an entry point of `lfpipe.painters` offers, or
     None, and what draws, for people. thread: of their own.
     """
     try:
-        for name in plugins(PAINTERS) if asked != "cpu" else ():
-            opened: tuple[Painters | None, str] = load(PAINTERS, name)(asked, thread)
+        for name in plugins(PAINTERS) if device != "cpu" else ():
+            opened: tuple[Painters | None, str] = load(PAINTERS, name)(device, thread)
             return opened
     except UserError as error:
         return None, f"CPU: {error.message}"
@@ -164,9 +164,9 @@ _WHOLE = Recipe(_RGB, (Channel(0), Channel(1), Channel(2)), False)
 TWO_VIEWS = ("side-by-side", "row-interleaved")  # outputs with separate views, in original colours
 
 
-def method_for(field: LightField, asked: str) -> str:
-    """The method that renders field for render.method = asked; never "auto"."""
-    return method_in_use(asked, field.method, field.disparity is not None)
+def method_for(field: LightField, method: str) -> str:
+    """The method that renders field for render.method = method; never "auto"."""
+    return method_in_use(method, field.method, field.disparity is not None)
 
 
 def settings_for_scene(field: LightField, method: str, render: Render) -> Render:
@@ -247,7 +247,7 @@ class Compositor:
         if render.anaglyph in TWO_VIEWS:
             self.pair = np.empty_like(self._picture), np.empty_like(self._picture)
         self._reach = extrapolation_views(self.method, render)
-        self._take_depth()
+        self._update_depth()
 
     def _make_painter(self, gpu: Painters | None) -> Painter:
         """The GPU's if there is one and it draws the method, else the processor's."""
@@ -265,10 +265,10 @@ class Compositor:
         """Draws another light field of the same size, grid and method from now on."""
         self._views.replace(field)
         self._painter.reset()
-        self._take_depth()
+        self._update_depth()
 
-    def _take_depth(self) -> None:
-        """Takes what depends on the range of disparity."""
+    def _update_depth(self) -> None:
+        """Computes what depends on the range of disparity."""
         field, scale = self._views.field, self._views.scale
         zero_px = zero_plane_px(field, self._render)
         extent_px = max(

@@ -63,9 +63,8 @@ def left_out(field: LightField, count: int) -> list[tuple[int, int]]:
     ]
     # a stride coprime to the pattern of the grid selects views
     # between two and between four others equally often
-    count = min(count, len(inside))
-    chosen = np.unique(np.linspace(0, len(inside) - 1, count).round().astype(int))
-    return [inside[int(k)] for k in chosen]
+    chosen = np.linspace(0, len(inside) - 1, min(count, len(inside))).round().astype(int)
+    return [inside[int(k)] for k in np.unique(chosen)]
 
 
 Draw = Callable[[Position], NDArray[np.float32]]  # the green plane at a viewpoint
@@ -82,8 +81,7 @@ def scores(field: LightField, count: int = 7) -> MethodScores:
     held_out = left_out(field, count)
     kept = thinned(field) if held_out else field
     own_px = field.width_px, field.height_px
-    screen_px = fit_area(own_px, SCREEN_PX)[2:]
-    width, height = screen_px if screen_px[0] < own_px[0] else own_px
+    width, height = min(own_px, fit_area(own_px, SCREEN_PX)[2:])
     methods = [
         name for name in reversed(METHODS) if field.disparity is not None or name not in WARPS
     ]
@@ -100,10 +98,10 @@ def scores(field: LightField, count: int = 7) -> MethodScores:
             for row, col in held_out
         }
     else:
-        best = drawn(methods[-1])
         # between the first two views; on them if there is one
         last_row, last_col = min(field.rows - 1, 1), min(field.cols - 1, 1)
-        truth = {at: best(at) for at in ((t * last_row, t * last_col) for t in BETWEEN)}
+        places = [(t * last_row, t * last_col) for t in BETWEEN]
+        truth = dict(zip(places, map(drawn(methods[-1]), places), strict=True))
     squares = {
         (method, size): [
             float(np.mean((draw(place) - exact) ** 2)) for place, exact in truth.items()
@@ -134,8 +132,8 @@ def _drawing(field: LightField, method: str, screen_px: tuple[int, int], size: f
     channel = min(1, field.channels - 1)
     out = [np.empty((height, width), np.uint8)]
 
-    def draw(place: Position) -> NDArray[np.float32]:
-        (plane,) = synthesiser.render(place, 0, 0.0, [views.channel(channel)], out)
+    def draw(at: Position) -> NDArray[np.float32]:
+        (plane,) = synthesiser.render(at, 0, 0.0, [views.channel(channel)], out)
         whole = plane if size == 1 else cv2.resize(plane, screen_px, interpolation=cv2.INTER_CUBIC)
         return whole.astype(np.float32)
 
@@ -180,8 +178,7 @@ def measure_costs(
     pictures between the middle views. What a GPU draws takes it little time.
     """
     own_px = field.width_px, field.height_px
-    _, _, *fitting = fit_area(own_px, MEASURED_PX)
-    size_px = min(own_px[0], fitting[0]), min(own_px[1], fitting[1])
+    size_px = min(own_px, fit_area(own_px, MEASURED_PX)[2:])
     row, col = (field.rows - 1) / 2, float(max(field.cols // 2 - 1, 0))
     costs = {}
     for method in METHODS:

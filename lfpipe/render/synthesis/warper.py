@@ -278,18 +278,17 @@ class Warper:
         self._moves = np.ascontiguousarray(moves.T, np.float32)
         cells = np.floor(np.clip(moves / self._step[::-1], -_FAR, _FAR) + 0.5).astype(np.int16)
         self._cell_moves = cells.view(np.int32).reshape(1, 256)
-        offset_x = abs(right) * self._span_px
-        offset_y = abs(down) * self._span_px
+        offset_y, offset_x = abs(down) * self._span_px, abs(right) * self._span_px
         self._careful = max(offset_x, offset_y) >= CAREFUL_PX
         if not self._careful:
             return
-        reach = math.ceil(offset_y / self._step[0]), math.ceil(offset_x / self._step[1])
-        rows, cols = self._low.shape
         steps_up = self._low
         if self._unknown_in(frame, view.row, view.col):  # which is never nearest
             steps_up = self._steps_up
             cv2.LUT(stored, levels_up, steps_up)
-        down, right = min(reach[0], rows), min(reach[1], cols)
+        rows, cols = self._low.shape
+        down = min(math.ceil(offset_y / self._step[0]), rows)
+        right = min(math.ceil(offset_x / self._step[1]), cols)
         near = slice(max(self._drawn[0] - down, 0), self._drawn[1] + down)
         cv2.dilate(steps_up[near], _box(down, right), self._nearest[near])
 
@@ -363,7 +362,7 @@ class Warper:
         dy, dx = round(shift_px[0]), round(shift_px[1])
         for area in areas:
             top, left = area.box[0].start, area.box[1].start
-            low = np.full_like(next(iter(area.masks.values())), -1)  # known in other views
+            low = np.full_like(next(iter(area.masks.values())), -1)  # not unknown in other views
             for view in views:
                 if (mask := area.masks.get((view.row, view.col))) is not None:
                     cv2.scaleAdd(mask, 2 * view.weight, low, low)
@@ -414,9 +413,9 @@ def _levels(turned: bool) -> tuple[Levels, Levels]:
     up = np.arange(256, dtype=np.uint8) ^ np.uint8(ZERO)
     if turned:
         up = np.negative(up)  # 1 to 255 in reverse; 0, unknown, stays
-    known = up.copy()
-    known[np.int8(UNKNOWN).view(np.uint8)] = ZERO
-    return known, up
+    levels = up.copy()
+    levels[np.int8(UNKNOWN).view(np.uint8)] = ZERO
+    return levels, up
 
 
 LEVELS = _levels(False), _levels(True)  # the second: depth is inverted
