@@ -30,7 +30,7 @@ from lfpipe.render.viewer.presence import ViewerState
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.sequence.packets import PacketWriter, encoded, read_truth
 from lfpipe.transport import ring
-from lfpipe.transport.context import BEAT_NS, RingOutput
+from lfpipe.transport.context import BEAT_NS, Context, RingOutput
 from lfpipe.transport.ring import SECOND_NS, Stamp, StampKind
 from lfpipe.transport.status import Row
 
@@ -46,8 +46,7 @@ class StatusRow(Listener):
     _display: Display
 
     def handed_over(self, presentation: Presentation) -> None:
-        row = self._row
-        eyes = presentation.eyes
+        row, eyes = self._row, presentation.eyes
         row.count_output(eyes.stamp.source_seq if eyes else -1)
         row["cpu_ns"] = time.process_time_ns()
         row["planned"] += bool(presentation.due_ns and self._display.vblank_source)
@@ -70,11 +69,9 @@ class StatusRow(Listener):
 
     def presented(self, presentation: Presentation) -> None:
         self._row["juddered"] += presentation.juddered
-        eyes = presentation.eyes
+        eyes, t_ns = presentation.eyes, presentation.t_presented_ns
         if eyes is not None and presentation.composed:
-            age_ns = (
-                presentation.t_presented_ns - eyes.t_ns if presentation.by != REPLACED else None
-            )
+            age_ns = t_ns - eyes.t_ns if presentation.by != REPLACED else None
             self._row.record_latency(eyes.waited_ns, presentation.cost_ns, age_ns)
 
 
@@ -85,8 +82,7 @@ def trace_line(presentation: Presentation, method: str, level: int) -> dict[str,
     """The trace line of a presentation with eyes (docs/contracts.md). method, level: current."""
     eyes = presentation.eyes
     assert eyes is not None
-    stamp = eyes.stamp
-    raw_px = eyes.record.raw_px
+    stamp, raw_px = eyes.stamp, eyes.record.raw_px
     viewpoints = presentation.viewpoints
     line = {
         "seq": presentation.seq,
@@ -284,22 +280,17 @@ class ShownStamps(Listener):
 # viewpoints for the stage that measures disparity and for the program that draws the scene.
 
 
-@attrs.define(eq=False)
 class LiveRow(Listener):
     """Reports the live scene of presentations."""
 
-    _row: Row
-    """Of the stage."""
-    _source: LiveInput
-    _viewer: Viewer
-    _viewpoints: RingOutput
-    """Of dtype VIEWPOINTS."""
+    def __init__(self, context: Context, source: LiveInput, viewer: Viewer) -> None:
+        self._row, self._source, self._viewer = context.row, source, viewer
+        self._viewpoints = context.output("viewpoints")
 
     def handed_over(self, presentation: Presentation) -> None:
-        stamp = self._source.stamp
+        stamp, own = self._source.stamp, self._source.own_disparity
         if stamp is None:
             return
-        own = self._source.own_disparity
         presentation.more |= {"t_views_ns": stamp.t_sensor_ns, "own_disparity": own}
         self._row["live"] += presentation.composed
         self._row["own_disparity"] += presentation.composed and own
@@ -311,8 +302,8 @@ class LiveRow(Listener):
     def presented(self, presentation: Presentation) -> None:
         t_views_ns = presentation.more.get("t_views_ns")
         if t_views_ns is not None and presentation.composed and presentation.by != REPLACED:
-            age_ns = presentation.t_presented_ns - t_views_ns
-            self._row.histograms["views_age"].add_ns(max(age_ns, 0))
+            age_ns = max(presentation.t_presented_ns - t_views_ns, 0)
+            self._row.histograms["views_age"].add_ns(age_ns)
 
 
 # The pictures that a replay keeps: a digest of each, a few for people, and as many as fit for a
@@ -337,9 +328,7 @@ class ReplayWriter(Listener):
         lost: Callable[[str], None],
     ) -> None:
         """lost: called with the reason if the disk is full."""
-        self._folder = folder
-        self._pictures = pictures
-        self._lost = lost
+        self._folder, self._pictures, self._lost = folder, pictures, lost
         self._truth = read_truth(Path(sequence))
         self._first_ns: int | None = None
         self._digest = ""
@@ -352,9 +341,8 @@ class ReplayWriter(Listener):
         """Stores the picture; adds eyes_filtered and its digest to the trace line."""
         if presentation.eyes is None:
             return
-        stamp = presentation.eyes.stamp
+        stamp, picture = presentation.eyes.stamp, presentation.picture
         self._first_ns = stamp.t_sensor_ns if self._first_ns is None else self._first_ns
-        picture = presentation.picture
         if picture is not None:
             if presentation.composed:
                 self._digest = f"{zlib.crc32(picture.data):08x}"

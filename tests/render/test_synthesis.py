@@ -92,13 +92,6 @@ def test_synthesiser_uses_the_offsets_of_cameras() -> None:
     assert error(knowing) > error(field) + 6
 
 
-@pytest.mark.parametrize("position", [(2.5, 2.5), (2.0, 1.5), (1.5, 3.0), (2.3, 2.6), (2.0, 0.3)])
-def test_synthesiser_warps_are_nearer_to_the_true_view_than_blend(position: Position) -> None:
-    found = scores(rendered.field(5, 5, 96, 96, scale=2.0), position, 2.0)
-    assert found["nearest"] < found["blend"] < found["warp"] - 3
-    assert found["warp2"] > found["blend"] + 5
-
-
 @pytest.mark.parametrize(
     ("side", "scale", "position"),
     [

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.config import Camera, Config, Render
+from lfpipe.config import Camera, Config
 from lfpipe.config.camera_pose import CameraPose, camera_focal_px
 from lfpipe.render.viewer.viewer import VIDEO_LEAD, Viewer, Viewpoints
 from tests.render import rendered
@@ -120,35 +120,3 @@ def test_camera_pose_gives_points_before_the_screen_and_back(
     )
     there = pose.from_screen(eyes_px, eye_distance_px)
     np.testing.assert_allclose(pose.from_camera(there, eye_distance_px), eyes_px, atol=1e-6)
-
-
-@pytest.mark.parametrize("depth", [0.0, 1.0])
-@pytest.mark.parametrize(("above_mm", "tilt_deg"), [(200.0, 15.0), (-150.0, -10.0)])
-def test_camera_pose_keeps_leaning_in_from_looking_like_moving_down(
-    above_mm: float, tilt_deg: float, depth: float
-) -> None:
-    field = attrs.evolve(rendered.field(9, 9, 16, 16), disparity_min_px=0.0, disparity_max_px=0.0)
-    known = attrs.evolve(
-        field.geometry, baseline_mm=5.0, focus_distance_mm=600.0, focal_length_px=16.0
-    )
-    field = attrs.evolve(field, geometry=known)
-
-    def rows(camera: Camera) -> list[float]:
-        subject = Viewer(field, Config(camera=camera, render=Render(method="warp2", depth=depth)))
-        found = []
-        for k in range(300):
-            z_mm = 600.0 - 200.0 * min(max((k - 90) / 60, 0.0), 1.0)
-            eyes_px, eye_distance_px = seen_px(
-                subject.config, np.array([0.0, 0.0, z_mm]), above_mm, tilt_deg
-            )
-            seen = record(filtered_px=eyes_px, eye_distance_px=eye_distance_px)
-            found.append(subject.viewpoints(seen, k * S // 30, k * S // 30).left[0])
-        return found
-
-    without, with_pose = (
-        rows(camera) for camera in (Camera(), Camera(above_mm=above_mm, tilt_deg=tilt_deg))
-    )
-    assert max(abs(row - without[89]) for row in without) > 0.5, "what it is for"
-    assert abs(with_pose[-1] - with_pose[89]) < 0.1
-    worst, was = (max(abs(row - found[89]) for row in found[89:]) for found in (with_pose, without))
-    assert worst < 0.5 * was, "and on the way, while the distance is followed"

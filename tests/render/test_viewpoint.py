@@ -79,9 +79,6 @@ def test_view_solver_nearest_has_hysteresis(noise: list[float], place: float) ->
         assert sum(a != b for a, b in itertools.pairwise(steps)) <= 1
 
 
-PAIR = st.tuples(st.floats(-30, 30), st.floats(0, 12), COUNTS, st.floats(0, 16))
-
-
 CENTRES = st.tuples(st.floats(-500, 1500), st.floats(-500, 1500))
 
 

@@ -71,14 +71,12 @@ class Parallax:
     def summary(self) -> str:
         """One line, for a viewer who has just sat down."""
         seat = f"you sit {self.distance_mm / 10:.0f} cm from the screen"
-        share = self.compression
+        share, comfort_views = self.compression, self.comfort_views or math.inf
         if share is None:
             return seat
         if share < FULL_DEPTH:
-            comfort = self.comfort_views is not None and self.views_between_eyes >= (
-                self.comfort_views * FULL_DEPTH
-            )
-            return f"{seat}; depth is reduced to {share:.0%}{' for comfort' if comfort else ''}"
+            why = " for comfort" * (self.views_between_eyes >= comfort_views * FULL_DEPTH)
+            return f"{seat}; depth is reduced to {share:.0%}{why}"
         return f"{seat}; depth is true"
 
     def __str__(self) -> str:
@@ -105,31 +103,27 @@ def parallax(
     frame_width_px: of the camera picture. eyes_px: eye distance in it; None, or an impossible
     value, before a face is seen. picture_mm: `Display.width_mm`.
     """
-    render = config.render
-    screen = config.screen
+    render, screen = config.render, config.screen
     eyes_mm = screen.eyes_mm
     focal_px = camera_focal_px(config, frame_width_px)
-    seen_px = (
+    measured_px = (
         eyes_px
         if eyes_px is not None and MIN_EYE_DISTANCE_PX <= eyes_px <= frame_width_px
         else None
     )
     if screen.distance_mm != "auto":
-        distance_mm = float(screen.distance_mm)
-        why = "configured"
-    elif seen_px is not None:
-        distance_mm = min(max(focal_px * eyes_mm / seen_px, DISTANCE.low), DISTANCE.high)
-        why = f"eyes {seen_px:.0f} px apart"
+        distance_mm, why = float(screen.distance_mm), "configured"
+    elif measured_px is not None:
+        distance_mm = min(max(focal_px * eyes_mm / measured_px, DISTANCE.low), DISTANCE.high)
+        why = f"eyes {measured_px:.0f} px apart"
     else:
-        distance_mm = SEAT_MM
-        why = "assumed until a face is detected"
+        distance_mm, why = SEAT_MM, "assumed until a face is detected"
     reasons = [f"viewer {distance_mm:.0f} mm from the screen ({why})"]
-    eye_distance_px = seen_px or focal_px * eyes_mm / distance_mm
+    eye_distance_px = measured_px or focal_px * eyes_mm / distance_mm
     width_mm = picture_mm or PICTURE_MM
     source = "on this monitor" if picture_mm else "assumed: monitor size unknown"
     if screen.width_mm != "auto":
-        width_mm = float(screen.width_mm)
-        source = "configured"
+        width_mm, source = float(screen.width_mm), "configured"
 
     zero_px = zero_plane_px(field, render)
     comfort, limit = _comfort_views(zero_px, field, distance_mm, eyes_mm, width_mm)
@@ -139,9 +133,8 @@ def parallax(
         views, why = _automatic_views(field, render.depth, (comfort, limit), true)
         alpha_px = eye_distance_px / views
     else:
-        views = eye_distance_px / render.alpha_px
-        why = "from render.alpha_px"
-        alpha_px = render.alpha_px
+        alpha_px, why = render.alpha_px, "from render.alpha_px"
+        views = eye_distance_px / alpha_px
     reasons.append(f"{views:.2f} views between the eyes: {why}")
     if comfort is not None and views > comfort * (1 + 1e-9):
         reasons.append(
@@ -213,12 +206,12 @@ def _comfort_views(
 
 
 def _true_views(
-    zero_px: float, known: Geometry, distance_mm: float, eyes_mm: float
+    zero_px: float, capture: Geometry, distance_mm: float, eyes_mm: float
 ) -> float | None:
     """S_true, from baseline over the distance of the zero plane; None if the capture is unknown."""
-    if not known.baseline_mm or not known.focus_distance_mm:
+    if not capture.baseline_mm or not capture.focus_distance_mm:
         return None
-    slope = known.baseline_mm / known.focus_distance_mm + (
-        zero_px / known.focal_length_px if known.focal_length_px else 0.0
+    slope = capture.baseline_mm / capture.focus_distance_mm + (
+        zero_px / capture.focal_length_px if capture.focal_length_px else 0.0
     )
     return eyes_mm / (slope * distance_mm) if slope > 0 else None

@@ -36,9 +36,8 @@ class MouseLook:
     """
 
     def __init__(self, config: Config, viewer: Viewer, ring: RingOutput | None) -> None:
-        self._viewer = viewer
+        self._viewer, self._pointer = viewer, Pointer()
         self._size_px = config.camera.frame_px
-        self._pointer = Pointer()
         self._anchor = 0.5, 0.5  # where the pointer must be for the neutral position
         self._focal_px = camera_focal_px(config, self._size_px[0])
         self._eyes_mm = config.screen.eyes_mm
