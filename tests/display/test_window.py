@@ -124,19 +124,17 @@ def test_screen_window_keys(window: Callable[..., Display]) -> None:
         "C": "recentre",
         "bracketright": "depth+",
         "space": "freeze",
-    }
-    keys |= {
         "bracketleft": "depth-",
         "minus": "alpha-",
         "Left": "less",
         "Right": "more",
         "Tab": "choose",
         "Next": "next",
-    }
-    keys |= {
-        key: event
-        for key, event in ACTION_OF.items()
-        if len(key) == 1 and key.isalpha() and key not in "fh"
+        **{
+            key: event
+            for key, event in ACTION_OF.items()
+            if len(key) == 1 and key.isalpha() and key not in "fh"
+        },
     }
     press("y", "F5", "Insert", "Escape", *keys)
     assert pressed(display, len(keys)) == list(keys.values())

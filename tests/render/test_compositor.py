@@ -56,9 +56,6 @@ def test_compose_for_screens_without_glasses() -> None:
         )
 
     np.testing.assert_array_equal(picture("mono"), middle)
-    rows = picture("row-interleaved")
-    np.testing.assert_array_equal(rows[0::2], left[0::2])
-    np.testing.assert_array_equal(rows[1::2], right[1::2])
     side = picture("side-by-side")
     assert side.shape == left.shape
     for half, whole in ((side[:, :32], left), (side[:, 32:], right)):

@@ -41,13 +41,6 @@ class Event:
 
 
 NO_EVENT = Event("")
-# What lies over the picture, RGB
-TEXT = (255, 255, 255)
-SECOND = (180, 190, 201)
-OFF = (124, 132, 142)
-ACCENT = (53, 196, 215)
-RED = (255, 90, 90)
-BACK = (18, 21, 26)
 PICTURE_MM = 530.0  # width of a screen of 24 inches, for monitors that report no size
 
 

@@ -16,17 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.files.codecs import fit_area
-from lfpipe.render.display.display import (
-    ACCENT,
-    BACK,
-    NO_EVENT,
-    OFF,
-    RED,
-    SECOND,
-    TEXT,
-    Event,
-    Item,
-)
+from lfpipe.render.display import ACCENT, BACK, OFF, RED, SECOND, TEXT
+from lfpipe.render.display.display import NO_EVENT, Event, Item
 from lfpipe.render.display.window_system import drawable, font, pygame, written
 
 Colour = tuple[int, int, int] | tuple[int, int, int, int]

@@ -5,15 +5,8 @@ import time
 
 import attrs
 
-from lfpipe.render.display.display import (
-    ACCENT,
-    NO_EVENT,
-    RED,
-    Event,
-    Item,
-    Menu,
-    Overlay,
-)
+from lfpipe.render.display import ACCENT, RED
+from lfpipe.render.display.display import NO_EVENT, Event, Item, Menu, Overlay
 from lfpipe.render.display.keys import ACTION_OF, CLOSE, VIEWERS
 from lfpipe.render.display.look import (
     AMBER,

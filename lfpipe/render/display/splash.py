@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 
-from lfpipe.render.display.display import BACK, SECOND, TEXT
+from lfpipe.render.display import BACK, SECOND, TEXT
 from lfpipe.render.display.window_system import icon, pygame, start, written
 from lfpipe.transport.control import Session
 from lfpipe.transport.status import State, Table

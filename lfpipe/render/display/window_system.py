@@ -9,10 +9,10 @@ import ctypes
 import functools
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import attrs
 
-from lfpipe.config import Camera, Config
 from lfpipe.errors import UserError
 from lfpipe.host.presentation import XPresentation
 from lfpipe.host.worker import has_gpu
@@ -23,6 +23,9 @@ os.environ.setdefault("SDL_VIDEO_X11_WMCLASS", "lfpipe")  # desktops group and n
 
 import pygame as pygame
 from pygame._sdl2 import video as video
+
+if TYPE_CHECKING:  # the window of splash.py is there before settings are
+    from lfpipe.config import Camera, Config
 
 ICON_PX = 64  # desktops scale it down
 FONT = Path(__file__).parent / "fonts" / "DejaVuSans.ttf"
@@ -295,7 +298,7 @@ def detect_monitors() -> tuple[str, list[Monitor]]:
         pygame.display.quit()
 
 
-def device_latency_conditions(camera: str, settings: Camera, monitor: Monitor) -> str:
+def device_latency_conditions(camera: str, settings: "Camera", monitor: Monitor) -> str:
     """What a device latency holds for. camera: the driver's name."""
     rate = "auto rate" if isinstance(settings.rate_hz, str) else f"{settings.rate_hz:g} Hz"
     mode = f"{settings.width_px}x{settings.height_px} {settings.format} {rate}"
@@ -303,7 +306,7 @@ def device_latency_conditions(camera: str, settings: Camera, monitor: Monitor) -
     return "; ".join(text.replace(";", ",") for text in texts)
 
 
-def device_latency_doubt(config: Config, camera: str, monitors: list[Monitor]) -> str:
+def device_latency_doubt(config: "Config", camera: str, monitors: list[Monitor]) -> str:
     """The reason to distrust render.device_latency_ms now; "" if there is none. camera: name of
     the camera in use. monitors: all connected ones; without screen.monitor the window may be on
     any of them.
