@@ -20,7 +20,6 @@ from lfpipe.transport.ring import SECOND_NS, Stamp
 LATE_FRAMES = 2.5  # frame intervals
 STORED_FRAMES = 5  # the newest: disparity may be as late
 MANY_VIEWS = 9  # of larger grids, only the views in need are taken from a frame
-USUAL_NS = SECOND_NS // 30  # interval of frames, until some were seen
 SHARE = 0.1  # of an interval in their running mean
 
 
@@ -42,7 +41,7 @@ class LiveInput:
         self._spare = np.empty((height_px, width_px, 3), np.uint8)
         self._frames: list[tuple[Stamp, NDArray[np.uint8]]] = []  # of all views, the newest last
         self._record = np.zeros((), disparity_dtype(live))
-        self._interval_ns = float(USUAL_NS)
+        self._interval_ns = SECOND_NS / 30  # of frames, until some were read
 
     def read(self, positions: Iterable[Position], t_ns: int) -> LightField | None:
         """Reads both rings; returns the light field if a newer one is to be shown. positions: the

@@ -27,7 +27,6 @@ UNDER_WAY = 0.5  # eye distances per second; below, noise dominates
 SETTLED_NS = 300 * MS_NS
 DECAY = 0.995  # decay of the sums per picture: some 200 pictures in motion
 SHARE = 0.2  # weight of the newest onset in its running mean, which begins as a plain mean
-MAX_PICTURES = 240  # of a second and more, at every rate of a screen
 
 
 class _Frame(NamedTuple):
@@ -57,7 +56,7 @@ class MotionLatency:
     def __init__(self) -> None:
         self.onset_ns = self.steady_ns = 0
         self._frames: deque[_Frame] = deque()  # of the last REST_NS
-        self._pictures: deque[_Picture] = deque(maxlen=MAX_PICTURES)
+        self._pictures: deque[_Picture] = deque(maxlen=240)  # a second and more at every rate
         self._rest: _Frame | None = None  # the middle of the last rest, and its end
         # when the last one began, from where; its reach, px
         self._motion: tuple[_Frame, float] | None = None

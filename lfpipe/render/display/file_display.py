@@ -32,8 +32,6 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 SUFFIXES = (".mkv", ".avi", ".mp4")
 QUEUE_PICTURES = 8  # a short wait for the disk
-# left free on the disk, so that the video makes nothing else on the machine fail
-RESERVE_BYTES = 64 << 20
 # an encoder that lags by more than a short wait for the disk no longer repeats pictures
 BEHIND_S = 0.5
 AHEAD_FRAMES = 2  # pictures faster than the rate are accepted until the video is this far ahead
@@ -68,10 +66,11 @@ class FileDisplay(Display):
         path: Path,
         size_px: tuple[int, int],
         rate_hz: float,
-        reserve_bytes: int = RESERVE_BYTES,
+        reserve_bytes: int = 64 << 20,
     ) -> None:
-        """path: as `check_file` accepts. size_px: (width, height) of the pictures. Raises UserError
-        if it cannot be created.
+        """path: as `check_file` accepts. size_px: (width, height) of the pictures. reserve_bytes:
+        left free on the disk, so that the video makes nothing else on the machine fail. Raises
+        UserError if it cannot be created.
         """
         target = Path(os.path.realpath(path))
         try:

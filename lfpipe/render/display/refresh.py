@@ -94,7 +94,6 @@ OFF_COUNT = 5  # after this many such vblanks in a row the clock follows the oth
 PERIOD_RANGE = 0.12
 # The lead is the mean cost of a picture and a margin, which holds the rest: how much costs vary,
 # how late the process wakes up, how long before a vblank the window system takes a picture.
-MARGIN_NS = 4 * MS_NS  # at first: most window systems need less
 # The first late picture for a while widens the margin by the least step, for a machine that stands
 # still now and then is late with any margin; the next ones by twice as much. No picture is sent
 # earlier than that after the vblank before its own.
@@ -153,7 +152,7 @@ class ScreenRefresh(Refresh):
         self._limit_hz = limit_hz
         self._last_cost_ns = 0
         self._punctual = 0  # pictures since the last late one
-        self._margin_ns = float(MARGIN_NS)
+        self._margin_ns = 4.0 * MS_NS  # most window systems need less
         # by how much more than a period before its vblank a picture may be submitted
         self._ahead_ns = 0.0
         self._changed_ns = 0  # when a late or early picture changed the margin

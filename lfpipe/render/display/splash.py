@@ -13,9 +13,6 @@ from lfpipe.render.display.window_system import icon, pygame, start, written
 from lfpipe.transport.control import Session
 from lfpipe.transport.status import State, Table
 
-SIZE_PX = 640, 360
-WAIT_S = 0.05
-
 
 def shows(session: Session) -> bool:
     """Whether the session's own window is there."""
@@ -28,7 +25,7 @@ def main(name: str, title: str, display: str) -> None:
     start()
     pygame.font.init()
     is_full = display == "fullscreen"
-    window_px = pygame.display.get_desktop_sizes()[0] if is_full else SIZE_PX
+    window_px = pygame.display.get_desktop_sizes()[0] if is_full else (640, 360)
     window = pygame.Window(title, window_px, fullscreen_desktop=is_full)
     window.set_icon(icon())
     pygame.mouse.set_visible(not is_full)
@@ -45,7 +42,7 @@ def main(name: str, title: str, display: str) -> None:
         if pygame.QUIT in (event.type for event in pygame.event.get()):
             break
         window.flip()
-        time.sleep(WAIT_S)
+        time.sleep(0.05)
 
 
 if __name__ == "__main__":

@@ -75,7 +75,6 @@ class Zoom:
 TEXT_PX = 20
 TEXT_SHARE = 23 / 1080
 DOUBLE_S, DOUBLE_PX = 0.4, 8  # between two presses of a double click, as on most desktops
-BUTTONS = {1: "left", 3: "right"}
 MOUSE = (pygame.MOUSEMOTION, pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP, pygame.MOUSEWHEEL)
 RESIZED = (pygame.WINDOWSIZECHANGED, pygame.WINDOWDISPLAYCHANGED)
 # a move may swap the screen rows of the two views
@@ -335,11 +334,11 @@ class ScreenWindow(Display):
                 min(max(at / size, 0.0), 1.0)
                 for at, size in zip(event.pos, self._window.size, strict=True)
             )
-            button = BUTTONS.get(event.button) if event.type != pygame.MOUSEMOTION else None
-            if button and self._code:
-                button = "right"
-            pressed = {button: event.type == pygame.MOUSEBUTTONDOWN} if button else {}
-            self.pointer = attrs.evolve(self.pointer, x=x, y=y, **pressed)
+            self.pointer = attrs.evolve(self.pointer, x=x, y=y)
+            if event.type != pygame.MOUSEMOTION and event.button in (1, 3):
+                name = "left" if event.button == 1 and not self._code else "right"
+                pressed = {name: event.type == pygame.MOUSEBUTTONDOWN}
+                self.pointer = attrs.evolve(self.pointer, **pressed)
 
     def _mouse(self, native: pygame.Event) -> Event | None:
         """Moves the pointer; what a click or a touch means: in a locked window, an entry of the

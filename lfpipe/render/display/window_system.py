@@ -206,7 +206,6 @@ def open_presentation(window: pygame.Window) -> XPresentation | None:
 # bars take some
 WIDTH_SHARE = 2 / 3
 HEIGHT_SHARE = 0.85
-INCH_MM = 25.4  # by definition
 # widths in EDIDs that know only an aspect: 160 x 90 mm, 16 x 10 mm, 1600 x 900 mm, ...
 ASPECTS_MM = (16.0, 160.0, 1600.0)
 NOMINAL_HZ = 60.0  # if a monitor does not report its rate
@@ -248,7 +247,7 @@ def pixel_mm(dots_per_inch: tuple[float, float], width_px: int) -> float | None:
     low_mm, high_mm = PITCHES_MM
     if min(across, down) <= 0 or abs(across / down - 1) > SQUARE:
         return None
-    width_mm = width_px * INCH_MM / across
+    width_mm = width_px * 25.4 / across  # mm of an inch
     if any(abs(width_mm - aspect_mm) < 1 for aspect_mm in ASPECTS_MM):
         return None
     return width_mm / width_px if low_mm <= width_mm / width_px <= high_mm else None

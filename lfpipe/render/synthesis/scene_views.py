@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from lfpipe.render.synthesis.anaglyph import Plane, PlaneBuilder
 from lfpipe.scene.lightfield import UNKNOWN, LightField
 
-BUDGET_BYTES = 64 << 20  # of planes that are built and kept, and of views that are reduced and kept
 # between the mean and the middle of a cell of disparities, above which it holds an occlusion edge:
 # a surface of this slope is bent by less than half a pixel of a view one step away
 EDGE_PX = 0.5
@@ -70,9 +69,11 @@ class SceneViews:
         self,
         field: LightField,
         size_px: tuple[int, int] | None = None,
-        budget_bytes: int = BUDGET_BYTES,
+        budget_bytes: int = 64 << 20,
     ) -> None:
-        """size_px: (width, height), of the light field's aspect and no larger; its own for None."""
+        """size_px: (width, height), of the light field's aspect and no larger; its own for None.
+        budget_bytes: of planes that are built, and of views that are reduced, to be drawn again.
+        """
         self.field = field
         own_px = field.width_px, field.height_px
         self.width_px, self.height_px = size_px or own_px

@@ -57,7 +57,6 @@ MODES = choices("render.anaglyph")
 DEFAULT = Render()
 TURNS = Item("◀", Event("previous")), Item("▶", Event("next"))  # of a locked window
 NEEDS_VIEWS = DEPTH, "invert-depth", "recentre", "which"
-MAX_EVENTS = 16  # at once: more than a person presses between two refreshes
 
 
 class Ui:
@@ -110,7 +109,7 @@ class Ui:
 
     def serve(self) -> None:
         """Handles the events since the last call and updates the overlay."""
-        for _ in range(MAX_EVENTS):
+        for _ in range(16):  # more than a person presses between two refreshes
             events = self._display.events()
             t_ns = now_ns()
             pointer = self._display.pointer

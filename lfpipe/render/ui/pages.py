@@ -131,7 +131,6 @@ def instructions(render: Render) -> Overlay:
     return Overlay(lines=lines, items=(swap, ghosts, *others))
 
 
-UPDATE_NS = SECOND_NS // 2  # between two updates of the metrics
 GHOST_STEPS = {"more": 5.0, "less": -5.0}  # by event, %: the smallest visible change
 CHECKED = ("swap_eyes", "ghost_compensation")  # what a test of glasses may change
 
@@ -167,7 +166,7 @@ def metrics_page(context: Context, viewer: Viewer, presenter: Presenter) -> Page
         presenter.redraw()  # what is measured does not rest
         return Overlay(lines=metrics(context, viewer))
 
-    return Page(lambda t_ns: overlay(t_ns // UPDATE_NS), stays=True)
+    return Page(lambda t_ns: overlay(t_ns // (SECOND_NS // 2)), stays=True)
 
 
 @lru_cache(1)

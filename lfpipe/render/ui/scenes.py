@@ -160,8 +160,6 @@ ELAPSED_STEPS = 200
 ALONE_NS = 60 * SECOND_NS  # then the visitor is assumed to have left
 OTHER = Item("Open one", Event("open"), "l", main=True)
 OPEN = Item("Open a folder or file", Event("open"), icon="open", row=True, main=True)
-# between two pictures of the camera: a motion is visible, and the scene keeps its rate
-CAMERA_NS = SECOND_NS // 5
 THUMBNAILS = Path(__file__).parent / "thumbnails"  # by tools.make_docs_pictures
 PREVIEW_PX = (480, 360)  # of a thumbnail, at most: larger than a cell of most menus
 # of the packer -> what it does, for people
@@ -349,7 +347,8 @@ class ScenePage(Page):
     def overlay(self, t_ns: int) -> Overlay:
         is_tracked = self._context.options.viewer.tracked
         if is_tracked and self._camera is not None and t_ns >= self._camera_due_ns:
-            self._camera_due_ns = t_ns + CAMERA_NS
+            # a motion is visible, and the scene keeps its rate
+            self._camera_due_ns = t_ns + SECOND_NS // 5
             self._read_camera(self._camera)
         return Overlay(menu=self.menu())
 

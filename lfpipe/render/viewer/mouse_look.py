@@ -22,8 +22,6 @@ from lfpipe.transport.context import RingOutput
 from lfpipe.transport.ring import SECOND_NS, Stamp
 
 EASE_S = 0.06  # time constant of two cascaded low-passes: mouse motion becomes like head motion
-# transition back to the camera's eyes: after eight times EASE_S, the rest is invisible
-BACK_NS = SECOND_NS // 2
 NEAR_MM, FAR_MM = 250.0, 4000.0  # range of the wheel, from reading distance to across a room
 # of the wheel, and of key +: hardly visible at once, twice the parallax in seven steps
 STEP = 1.1
@@ -149,8 +147,9 @@ class MouseLook:
                         data=eyes_line(written, source_seq=self._count),
                     )
                 )
-        if not self._alone and not self._pointer.right and t_ns - self._released_ns > BACK_NS:
-            self._eased_px = None  # the camera's eyes again
+        is_released = not self._alone and not self._pointer.right
+        if is_released and t_ns - self._released_ns > SECOND_NS // 2:
+            self._eased_px = None  # the camera's eyes again: after 8 EASE_S, no step is visible
         return mouse_eyes, stamp
 
 
