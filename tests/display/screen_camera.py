@@ -67,10 +67,7 @@ class ScreenCamera(ScriptedDevice):
     def _sample(self) -> None:
         data = np.memmap(self.optics.buffer, np.uint8, "r")
         head = np.frombuffer(data[:100].tobytes(), ">u4")
-        start = head[0] + 12 * head[19]
-        line = head[12]
-        height = head[5]
-        width = head[4]
+        start, line, height, width = head[0] + 12 * head[19], head[12], head[5], head[4]
         rows = np.lib.stride_tricks.as_strided(data[start:], (height, line), (line, 1))
         screen = rows[STEP_PX // 2 :: STEP_PX, 4 * (STEP_PX // 2) : 4 * width : 4 * STEP_PX, None]
         while not self._ended.wait(SAMPLE_S):

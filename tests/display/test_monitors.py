@@ -63,11 +63,6 @@ def screen_window(
     return ScreenWindow(size_px, "lfpipe: a test", fullscreen, monitor)
 
 
-def press(window: ScreenWindow, key: str) -> None:
-    pygame.event.post(pygame.event.Event(pygame.KEYDOWN, unicode=key, key=0))
-    assert [event.name for event in window.events()] == ["fullscreen"]
-
-
 @pytest.mark.skipif(
     shutil.which("sway") is None, reason="sway is not installed (apt-get install sway)"
 )
@@ -86,7 +81,8 @@ def test_screen_window_on_a_scaled_desktop_has_the_screens_pixels(
                 window._shown_px / 1280, rel=0.01
             )
             assert not window.knows_rows
-            press(window, "f")
+            pygame.event.post(pygame.event.Event(pygame.KEYDOWN, unicode="f", key=0))
+            assert [event.name for event in window.events()] == ["fullscreen"]
             assert window.knows_rows, "in full screen"
 
 

@@ -19,12 +19,10 @@ from lfpipe.render.display.panels import EDGE_PX, ItemPanel, bar_panel
 from lfpipe.render.display.window import TEXT_PX
 from lfpipe.render.ui.pages import Distance, calibration_page, glasses_menu
 from lfpipe.render.ui.scenes import Content, folder_menu
-from tests.display.test_window import GREY, becomes, pressed, window  # noqa: F401  (fixture)
 from tests.support.examples import examples
 
 SIZES = [(320, 240), (640, 480), (1920, 1080), (3840, 2160)]
 BAR = bar_items(0.0, False, False)
-TURNS = Item("◀", Event("previous")), Item("▶", Event("next"))
 ARROWS = ["left", "right", "up", "down", "pagedown", "pageup"]
 
 

@@ -60,7 +60,10 @@ def test_session_window_shows_the_views_of_the_trace(
     world.ask(cmd="resume")
     for key, changed in (("plus", 22.0), ("minus", 20.0)):
         press(key)
-        world.wait_for(lambda changed=changed: _alpha(world) == changed, f"alpha of {changed}")
+        world.wait_for(
+            lambda changed=changed: world.monitor()["config"]["render"]["alpha_px"] == changed,
+            f"alpha of {changed}",
+        )
         world.more_pictures(2)  # the next key changes what the window knows
     press("o")
     world.wait_for(
@@ -154,10 +157,6 @@ def _choose(world: World, screen: Screen) -> None:
 def _count(screen: Screen, colour: list[int]) -> int:
     """How many pixels of the screen have a BGR colour."""
     return int((screen.picture() == colour).all(axis=-1).sum())
-
-
-def _alpha(world: World) -> float:
-    return float(world.monitor()["config"]["render"]["alpha_px"])
 
 
 def test_presented_by_names_the_source_of_vblanks(

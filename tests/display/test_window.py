@@ -15,7 +15,6 @@ from tests.support.world import until
 from tests.support.xvfb_screen import Screen, needs_xdotool, outline
 
 WAIT_S = 60.0
-GREY = np.full((500, 853, 3), 90, np.uint8)  # of the width of a first window
 
 
 @pytest.fixture
@@ -60,12 +59,6 @@ def test_screen_window_shows_each_picture_to_the_bit(
 LEFT, RIGHT = (10, 20, 200), (220, 120, 30)
 
 
-def show_rows(display: Display) -> None:
-    """Shows a view of one colour for each eye, in rows."""
-    left, right = (np.full((50, 70, 3), colour, np.uint8) for colour in (LEFT, RIGHT))
-    display.show(left, (left, right), "row-interleaved")
-
-
 def interleaved(screen: Screen) -> bool:
     """Whether even rows of the screen are the left eye's and odd ones the right eye's, once the bar
     that a mouse over the window brings has gone.
@@ -83,7 +76,8 @@ def test_screen_window_moved_interleaves_rows_of_the_screen(
 ) -> None:
     """Also above the top of the screen. No new picture comes meanwhile."""
     display = window((70, 50))
-    show_rows(display)
+    left, right = (np.full((50, 70, 3), colour, np.uint8) for colour in (LEFT, RIGHT))
+    display.show(left, (left, right), "row-interleaved")
     env = {**os.environ, "DISPLAY": screen.name}
     title = f"lfpipe: a test ({HINT})"
     for place in ("100 101", "100 100", "100 -101", "100 -100"):

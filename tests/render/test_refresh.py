@@ -17,8 +17,6 @@ from lfpipe.render.presenter import ANSWER_NS, HANDOVER, REPLACED, Presentation,
 from tests.render import rendered
 from tests.render.simulated_screen import SimulatedScreen, shown
 
-MS = 1_000_000
-
 
 def test_screen_refresh_with_a_limit_takes_every_second_vblank() -> None:
     refresh = ScreenRefresh(60.0, T0_NS, 30.0)

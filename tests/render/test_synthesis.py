@@ -132,12 +132,6 @@ def test_synthesiser_in_bands_makes_the_same_picture(
 SIZES = [(1, 1), (1, 6), (5, 1), (2, 2), (7, 9), (8, 12)]
 
 
-def picture(height: int, width: int) -> NDArray[np.uint8]:
-    return np.random.default_rng(height * 100 + width).integers(
-        0, 256, (height, width), dtype=np.uint8
-    )
-
-
 def through(
     plane: NDArray[np.uint8], dx: NDArray[np.float32], dy: NDArray[np.float32]
 ) -> NDArray[np.uint8]:
@@ -158,8 +152,8 @@ def test_blocks_sample_as_pixels_do_beyond_the_border_too(
     size: tuple[int, int], seed: int, reach_px: float
 ) -> None:
     height, width = size
-    plane = picture(height, width)
     rng = np.random.default_rng(seed)
+    plane = rng.integers(0, 256, size, np.uint8)
     dx, dy = rng.uniform(-reach_px, reach_px, (2, *size_of(height, width))).astype(np.float32)
     y, x = np.mgrid[0:height, 0:width].astype(np.float32)
     each_x, each_y = (

@@ -6,13 +6,12 @@ import itertools
 import math
 from typing import Any
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.config import Render
-from lfpipe.render.synthesis.viewpoint import ViewSolver, limited, view_weights
+from lfpipe.render.synthesis.viewpoint import ViewSolver, limited
 
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 COUNTS = st.integers(1, 30)
@@ -106,12 +105,3 @@ def test_dragged_is_the_nearest_neutral_position_that_holds_the_eyes(
     assert cy == pytest.approx(sorted((y - room_y, centre[1], y + room_y))[1], abs=1e-6)
     again = one.dragged((cx, cy), eyes)
     assert again == pytest.approx((cx, cy), abs=1e-6), "there it stays"
-
-
-@given(st.floats(0, 4), st.floats(0, 4), st.sampled_from(["blend", "warp2"]))
-def test_view_weights_are_continuous(row: float, col: float, method: str) -> None:
-    tables = np.zeros((2, 5, 5))
-    for table, off in zip(tables, (0.0, 1e-6), strict=True):
-        for one in view_weights(method, (row + off, col + off), 5, 5):
-            table[one.row, one.col] += one.weight
-    assert np.abs(tables[0] - tables[1]).max() < 2e-5  # twice as fast where four meet
