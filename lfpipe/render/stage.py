@@ -160,28 +160,28 @@ class RenderStage:
         """The pictures' size is the screen's; in a replay, whose pictures are compared, the
         scene's.
         """
-        cores = self._context.cores
-
-        def threads(count: int, name: str) -> ThreadPoolExecutor:
-            return ThreadPoolExecutor(count, name, run_on, (cores,))  # on any core
-
+        count = len(self._context.cores)
         if not self._lossless:
-            self._preparer = threads(1, "prepare")
+            self._preparer = self._threads(1, "prepare")
         return Canvas(
             shown_px=(lambda size_px: size_px) if self._lossless else self._display.shown_px,
-            helpers=threads(len(cores) - 1, "rows") if len(cores) > 1 else None,
-            cores=len(cores),
+            helpers=self._threads(count - 1, "rows") if count > 1 else None,
+            cores=count,
             gpu=self._gpu,
             preparer=self._preparer,
         )
+
+    def _threads(self, count: int, name: str) -> ThreadPoolExecutor:
+        """Threads on any core."""
+        return ThreadPoolExecutor(count, name, run_on, (self._context.cores,))
 
     def _open_gpu(self) -> Painters | None:
         """The GPU, by the configuration; a replay has one only if asked to, because its pictures
         are compared.
         """
         device = self._config.render.device
-        thread = ThreadPoolExecutor(1, "gpu", run_on, (self._context.cores,))
-        gpu, words = open_painters("cpu" if self._lossless and device == "auto" else device, thread)
+        painter = "cpu" if self._lossless and device == "auto" else device
+        gpu, words = open_painters(painter, self._threads(1, "gpu"))
         logger.info("drawing by the %s", words)
         if device == "gpu" and gpu is None:
             self._context.notify(f"render.device gpu: pictures are drawn by the {words}")

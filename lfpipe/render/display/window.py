@@ -35,11 +35,6 @@ class Zoom:
     x: float = 0.5
     y: float = 0.5
 
-    @property
-    def active(self) -> bool:
-        """Whether a part of the picture is hidden."""
-        return self.factor > 1.0
-
     def turn(self, steps: int, at: Share) -> None:
         """Zooms in by steps of the wheel, or out; the place under the pointer stays.
 
@@ -53,10 +48,6 @@ class Zoom:
     def drag(self, by: Share) -> None:
         """Moves the picture with the pointer. by: fractions of the visible part."""
         self._move(self.x - by[0] / self.factor, self.y - by[1] / self.factor)
-
-    def reset(self) -> None:
-        """Shows the whole picture."""
-        self.factor, self.x, self.y = 1.0, 0.5, 0.5
 
     def _move(self, x: float, y: float) -> None:
         half = 0.5 / self.factor
@@ -373,8 +364,8 @@ class ScreenWindow(Display):
         (before_s, before_px), self._pressed = self._pressed, (time.monotonic(), at_px)
         is_near = math.dist(at_px, before_px) < DOUBLE_PX
         if is_near and self._pressed[0] - before_s < DOUBLE_S:
-            self._zoom.reset()
-        self._pans = self._zoom.active
+            self._zoom = Zoom()
+        self._pans = self._zoom.factor > 1.0
         if self._pans:
             self.pointer = attrs.evolve(self.pointer, left=False)
 

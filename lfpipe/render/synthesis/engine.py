@@ -13,7 +13,6 @@ refined at its own lower resolution.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -74,12 +73,9 @@ class Cameras:
 Array = NDArray[np.uint8]
 
 
-class Layer(NamedTuple):
-    """A stored view in a cross-fade."""
-
-    planes: list[Array]
-    share: float  # of the sum of this layer and those below
-    by: tuple[int, int]  # offset of the sampled pixels in the planes, px down and right
+# A stored view in a cross-fade: its planes, its share of the sum of this layer and those below, and
+# the offset of the sampled pixels in the planes, px down and right
+Layer = tuple[list[Array], float, tuple[int, int]]
 
 
 class Synthesiser:
@@ -162,7 +158,7 @@ class Synthesiser:
             down_px, right_px = self._cameras.shift_px(zero_px, (view.row, view.col))
             by = round(down_px), round(right_px)
             planes = [source(frame, view.row, view.col) for source in sources]
-            layers.append(Layer(planes, view.weight / total, by))
+            layers.append((planes, view.weight / total, by))
         return layers
 
     def _faded(self, layers: list[Layer], box: Box, outs: Sequence[Array]) -> list[Array]:
@@ -171,13 +167,12 @@ class Synthesiser:
         outs: to draw into, of the box's size. Returns them, or the stored planes themselves.
         """
         faded: list[Array] = []
-        for layer in layers:
-            planes = layer.planes
-            if any(layer.by) or box is not self._whole:
-                planes = [shifted(plane, *layer.by, box) for plane in planes]
+        for planes, share, by in layers:
+            if any(by) or box is not self._whole:
+                planes = [shifted(plane, *by, box) for plane in planes]
             if faded:
                 for plane, below, out in zip(planes, faded, outs, strict=False):
-                    cv2.addWeighted(plane, layer.share, below, 1 - layer.share, 0.0, out)
+                    cv2.addWeighted(plane, share, below, 1 - share, 0.0, out)
                 planes = list(outs[: len(planes)])
             faded = planes
         return faded

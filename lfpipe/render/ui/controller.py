@@ -52,7 +52,6 @@ from lfpipe.transport.context import Context
 from lfpipe.transport.control import Answer
 from lfpipe.transport.ring import now_ns
 
-LOOKING = {VIEWERS["mouse"]: "Move the mouse to look around"}  # name of a viewer -> notice
 MODES = choices("render.anaglyph")
 DEFAULT = Render()
 TURNS = Item("◀", Event("previous")), Item("▶", Event("next"))  # of a locked window
@@ -169,8 +168,11 @@ class Ui:
                 "refused", for_window(answer.error, answer.remedy), QUESTION_NS, way_out
             )
         elif answer.cmd == "viewer":
-            who = viewer_name(self.context.options.viewer)
-            self.notices.show("viewer", LOOKING.get(who, f"Viewer: {who}"))
+            kind = viewer_kind(self.context.options.viewer)
+            text = f"Viewer: {VIEWERS.get(kind, '')}"
+            self.notices.show(
+                "viewer", "Move the mouse to look around" if kind == "mouse" else text
+            )
         elif answer.cmd == "keep":
             self.calibration.is_stored = True
 

@@ -355,13 +355,9 @@ class CalibrationPage(Page):
     def _begin(self) -> None:
         self.is_stored, self._eyes = False, StillEyes()
 
-    @property
-    def _is_ready(self) -> bool:
-        return self._eyes.share == 1.0
-
     def handle(self, event: Event) -> bool:
         if event == ACCEPT.event:
-            if self._is_ready and not self.is_stored:
+            if self._eyes.share == 1.0 and not self.is_stored:
                 eyes_mm = self._context.config.screen.eyes_mm
                 focal_px = round(self._eyes.median_px * 10 * self.distance.cm / eyes_mm, 1)
                 viewer, width_px = self._context.options.viewer, self._frame.shape[1]
@@ -385,7 +381,8 @@ class CalibrationPage(Page):
             record = EyesRecord.of(self._record)
             distance_px = record.eye_distance_px or math.dist(record.raw_px[:2], record.raw_px[2:])
             self._eyes.add(distance_px if record.face else None)
-        return calibration_page(self.distance, self._is_ready, self._eyes.has_face, self.is_stored)
+        ready = self._eyes.share == 1.0
+        return calibration_page(self.distance, ready, self._eyes.has_face, self.is_stored)
 
     def _draw(self, _viewer: Viewer, _key: Key) -> Drawing:
         eyes_px = self._record["raw_px"].tolist() if self._eyes.has_face else []

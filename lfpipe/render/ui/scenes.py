@@ -40,7 +40,6 @@ WHOLE = (*HOLDS_ALL, ".mpo", ".jps", ".gif")  # files that are no view of anothe
 
 MAX_LISTED = 1000  # of the names in a folder
 VIEWS = 4  # pictures whose names differ in numbers only, from here on: parts of one scene
-READING = Overlay(lines=("Reading the folder ...",))
 
 
 @attrs.frozen
@@ -145,7 +144,7 @@ class FolderPage(Page):
 
     def overlay(self, t_ns: int) -> Overlay:
         if self._content is None:
-            return READING
+            return Overlay(lines=("Reading the folder ...",))
         return Overlay(menu=folder_menu(self._content, self._pictures))
 
 
@@ -155,7 +154,6 @@ class FolderPage(Page):
 # The old scene stays on the screen until the packer has the views of the new one. A second request
 # replaces the first.
 
-CAPTIONS = "captions.txt"
 ELAPSED_STEPS = 200
 ALONE_NS = 60 * SECOND_NS  # then the visitor is assumed to have left
 OTHER = Item("Open one", Event("open"), "l", main=True)
@@ -264,7 +262,7 @@ def caption(scene: Path, name: str) -> tuple[str, str]:
     TITLE | TEXT, a line each; without, its name alone.
     """
     with contextlib.suppress(UserError, OSError):
-        for line in read_bytes(scene.parent / CAPTIONS).decode(errors="replace").splitlines():
+        for line in read_bytes(scene.parent / "captions.txt").decode(errors="replace").splitlines():
             file, _, about = line.partition(":")
             if file.strip() == scene.name:
                 title, _, text = about.partition("|")
@@ -299,9 +297,13 @@ class ScenePage(Page):
     _camera_due_ns: int = 0
     _camera_item: Item = CAMERA_LOOKS
 
-    def menu(self) -> Menu:
+    def overlay(self, t_ns: int) -> Overlay:
         """The page with the pictures read so far; selects the scene on show."""
         options = self._context.options
+        if options.viewer.tracked and self._camera is not None and t_ns >= self._camera_due_ns:
+            # a motion is visible, and the scene keeps its rate
+            self._camera_due_ns = t_ns + SECOND_NS // 5
+            self._read_camera(self._camera)
         shown = options.playlist[options.playlist_at]
         kind = viewer_kind(options.viewer)
         items = [OPEN, *([MOUSE_LOOKS if kind == "mouse" else self._camera_item] if kind else [])]
@@ -309,7 +311,8 @@ class ScenePage(Page):
             tiles = [self._tile(one) for one in options.playlist if self._is_demo(one) == demos]
             items += [Item(heading, row=True), *tiles] if tiles else []
         at = next((k for k, item in enumerate(items) if item.event.text == shown), 0)
-        return Menu("lfpipe" if options.start else "Choose a scene", tuple(items), at)
+        title = "lfpipe" if options.start else "Choose a scene"
+        return Overlay(menu=Menu(title, tuple(items), at))
 
     def _tile(self, scene: str) -> Item:
         picture, what = self._pictures.get(scene, NO_PREVIEW)
@@ -343,14 +346,6 @@ class ScenePage(Page):
     def _is_demo(self, scene: str) -> bool:
         """Whether a scene is of our own making: it is always there."""
         return Path(scene).is_relative_to(cache_dir(self._context.config.scene))
-
-    def overlay(self, t_ns: int) -> Overlay:
-        is_tracked = self._context.options.viewer.tracked
-        if is_tracked and self._camera is not None and t_ns >= self._camera_due_ns:
-            # a motion is visible, and the scene keeps its rate
-            self._camera_due_ns = t_ns + SECOND_NS // 5
-            self._read_camera(self._camera)
-        return Overlay(menu=self.menu())
 
     def _read_camera(self, camera: Reader) -> None:
         """Reads the camera's newest picture, and mirrors it."""

@@ -247,10 +247,6 @@ class ViewEasing:
         self._lost_ns: int | None = None
         self._left: Place = (0.0, 0.0, 0.0)  # where the glide to the neutral place begins
 
-    def reset(self) -> None:
-        """Forgets the place shown: the next target is shown at once."""
-        self._shown = None
-
     def followed(self, t_ns: int, target: Place, motion: Callable[[float], Place]) -> Place:
         """The place to show at t_ns (not decreasing) for eyes at target.
 

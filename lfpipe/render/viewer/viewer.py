@@ -127,11 +127,9 @@ class Viewer:
         self._near_px = 0.0
         self._generation = 0
         self._t_ns = 0
-        self._size_px = (0, 0)  # of the camera picture
         self._pose: CameraPose | None = None
         self._tracked_ns = -1  # stamp of the last record that presence processed
         self._start_ns = 0  # of a video
-        self._easing = ViewEasing()
         self._sways_alone = sways_alone
         self._alone_ns = 0  # since when there is no viewer; 0: there is one
         # px per second of the raw eyes, by the last two frames of a track
@@ -152,9 +150,9 @@ class Viewer:
         """
         if not completed:
             self.parallax = self.solver = None
-            self._easing.reset()
+            self._easing = ViewEasing()
             self._auto = alpha_is_automatic(config)
-            self._size_px = (0, 0)
+            self._size_px = (0, 0)  # of the camera picture
         self.field, self.config, self._share = field, config, share
         self._next = None
         self._use(self._make_compositor(field, config, self._wanted_px()))
