@@ -122,8 +122,10 @@ def eyes(tracks: Path) -> Figures:
                 for clip in found
             ]
             of = f"{rate_hz or 'recorded'} {'Hz' if rate_hz else 'rate'}, {1e3 * delay_s:.0f} ms"
-            medians = np.nanmedian(rows, axis=0).tolist()
-            figures |= {f"{name}, {of}": one for name, one in zip(names, medians, strict=True)}
+            figures |= {
+                f"{name}, {of}": median
+                for name, median in zip(names, np.nanmedian(rows, axis=0).tolist(), strict=True)
+            }
     for name, fault in FAULTS.items():
         peaks = [
             added(clip, make_filter(Track()), make_filter(Track()), True, 0.0, fault)
@@ -193,8 +195,11 @@ def pictures() -> Figures:
 
 
 def table(scenes: Sequence[Path]) -> Figures:
-    found = _bench("table", *map(str, scenes), "--untimed")
-    return {f"{row}: -PSNR": -value for row, column, value in found if column == "psnr_db"}
+    return {
+        f"{row}: -PSNR": -value
+        for row, column, value in _bench("table", *map(str, scenes), "--untimed")
+        if column == "psnr_db"
+    }
 
 
 def layouts() -> Figures:

@@ -310,9 +310,8 @@ class Portrait(NamedTuple):
         matrix = np.column_stack([linear, MIDDLE - linear @ middle])
         if scale < 1:
             head = np.asarray(cv2.GaussianBlur(head, (0, 0), 0.4 / scale), np.uint8)
-        grey = (110, 110, 110)
         out = cv2.warpAffine(
-            head, matrix, (WIDTH, HEIGHT), flags=cv2.INTER_LINEAR, borderValue=grey
+            head, matrix, (WIDTH, HEIGHT), flags=cv2.INTER_LINEAR, borderValue=(110, 110, 110)
         )
         return np.asarray(out, np.uint8), self.eyes @ linear.T + matrix[:, 2]
 

@@ -138,8 +138,7 @@ class Cut(NamedTuple):
         cos, sin = (dx * du + dy * dv) / square, (dy * du - dx * dv) / square
         turn = np.array([[cos, -sin], [sin, cos]])
         matrix = np.column_stack([turn, eyes_px.mean(axis=0) - turn @ self.eyes.mean(axis=0)])
-        scale = math.hypot(cos, sin)
-        soft = cv2.GaussianBlur(self.light, (0, 0), max(0.4 / scale, 0.3))
+        soft = cv2.GaussianBlur(self.light, (0, 0), max(0.4 / math.hypot(cos, sin), 0.3))
         drawn = cv2.warpAffine(soft, matrix, (WIDTH, HEIGHT))
         return np.asarray(scene * (1 - drawn[..., 3:]) + drawn[..., :3], np.float32)
 
