@@ -39,7 +39,7 @@ COMMANDS = {
     "replay": ("lfpipe.cli.sequence", "Run a recorded sequence; compare with a reference."),
     "sequence": ("lfpipe.cli.sequence", "Inspect, cut, import and export recordings."),
     "bench": ("lfpipe.cli.bench", "Measure error against run time."),
-    "completion": ("lfpipe.cli.options", "Print the completion script of a shell."),
+    "completion": ("lfpipe.cli.terminal", "Print the completion script of a shell."),
 }
 
 # of the list of commands; those of other packages follow under "More"

@@ -14,8 +14,7 @@ from lfpipe.bench.runner import measure, opened
 from lfpipe.bench.simulator.bounds import beyond
 from lfpipe.bench.summary import headlines, sentences
 from lfpipe.bench.table import Protocol, measure_scenes
-from lfpipe.cli.options import PATH, with_config
-from lfpipe.cli.terminal import Group, print_result, progress, say
+from lfpipe.cli.terminal import PATH, Group, print_result, progress, say, with_config
 from lfpipe.config import Config
 from lfpipe.scene.pack import open_scene
 from lfpipe.supervisor.process_table import SCORER

@@ -16,17 +16,20 @@ from lfpipe.capture.camera_list import control_texts
 from lfpipe.capture.open_source import WIDE, camera_name, check_live, live_camera, open_source
 from lfpipe.capture.spec import LIVE, is_live
 from lfpipe.capture.v4l2_device import DECODED, V4L2Device
-from lfpipe.cli.options import (
+from lfpipe.cli.terminal import (
     CAMERA,
     JSON,
     OVERWRITE,
     PATH,
     SESSION,
+    Group,
     Number,
+    filled,
+    print_result,
+    say,
     with_config,
     with_settings,
 )
-from lfpipe.cli.terminal import Group, filled, print_result, say
 from lfpipe.config import Config, LiveSource, Placement, load, user_file
 from lfpipe.config.check import PLACED, camera_file, commented, write_keys
 from lfpipe.config.session_options import Window

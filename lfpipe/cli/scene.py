@@ -10,8 +10,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.cli.options import JSON, OVERWRITE, PATH, SCENE, with_config, with_scene
-from lfpipe.cli.terminal import ExtensibleGroup, filled, print_result, progress
+from lfpipe.cli.terminal import (
+    JSON,
+    OVERWRITE,
+    PATH,
+    SCENE,
+    ExtensibleGroup,
+    filled,
+    print_result,
+    progress,
+    with_config,
+    with_scene,
+)
 from lfpipe.config import Config
 from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.errors import UserError

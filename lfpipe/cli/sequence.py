@@ -23,10 +23,20 @@ import numpy as np
 from lfpipe.capture.open_source import camera_name, camera_settings, check_source, clock_of
 from lfpipe.capture.recordings import STAMP_ROUNDING_NS, Schedule, open_recording
 from lfpipe.capture.spec import parse_source
-from lfpipe.cli.options import CAMERA, DURATION, OVERWRITE, PATH, Number, with_config, with_settings
 from lfpipe.cli.scene import opened
 from lfpipe.cli.sessions import exit_code
-from lfpipe.cli.terminal import Group, print_result, say
+from lfpipe.cli.terminal import (
+    CAMERA,
+    DURATION,
+    OVERWRITE,
+    PATH,
+    Group,
+    Number,
+    print_result,
+    say,
+    with_config,
+    with_settings,
+)
 from lfpipe.config import Config, SessionOptions
 from lfpipe.config.check import MAX_LISTED, with_measured_focal
 from lfpipe.config.session_options import RecordedEyes

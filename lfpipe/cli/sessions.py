@@ -22,8 +22,11 @@ import click
 from lfpipe import config as configuration
 from lfpipe import log
 from lfpipe.capture.spec import is_live
-from lfpipe.cli.options import DURATION, OVERWRITE, PATH, SESSION, with_settings
 from lfpipe.cli.terminal import (
+    DURATION,
+    OVERWRITE,
+    PATH,
+    SESSION,
     ExtensibleGroup,
     Group,
     filled,
@@ -31,6 +34,7 @@ from lfpipe.cli.terminal import (
     print_result,
     progress,
     say,
+    with_settings,
 )
 from lfpipe.config import Config, SessionOptions, converter, parse_set
 from lfpipe.config.session_options import Window

@@ -1,6 +1,7 @@
 """Output of commands: results on stdout, messages on stderr, neither with control characters;
-progress as a bar, or in a log as one line per slow task. And commands and options that other
-packages add, by entry points of the group `lfpipe.commands`.
+progress as a bar, or in a log as one line per slow task. Options that several commands share, and
+`lfpipe completion`. And commands and options that other packages add, by entry points of the group
+`lfpipe.commands`.
 
 The name of an entry point is its place: `sweep` is a command, `scene.export` a command of the group
 `scene`, `up.--share` an option of the command `up`. Its object is imported to list commands, so its
@@ -22,11 +23,13 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import click
+from click.shell_completion import get_completion_class
 
 from lfpipe.errors import ERROR_FILE, UserError, escaped, plain
 from lfpipe.host.terminal import drop_output
 from lfpipe.plugins import COMMANDS, load, load_target, plugins
 
+F = TypeVar("F", bound=Callable[..., Any])
 QUIET_S = 5.0  # a shorter wait needs no line
 Progress = Callable[[str, int, int], None]  # (task, steps done, steps in total)
 
@@ -207,3 +210,115 @@ class ExtensibleGroup(Group):
     def own_command(self, ctx: click.Context, name: str) -> click.Command | None:
         """The built-in command of that name."""
         return super().get_command(ctx, name)
+
+
+class Number(click.FloatRange):
+    """A finite number in a range. click lets NaN into every range."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        number = float(super().convert(value, param, ctx))
+        return (
+            number
+            if math.isfinite(number)
+            else self.fail(f"{value} is not a finite number", param, ctx)
+        )
+
+
+PATH = click.Path(path_type=Path)
+SCENE = click.argument("path", metavar="SCENE", type=PATH)
+OVERWRITE = click.option("--overwrite", is_flag=True, help="Replace an output file that exists.")
+JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+CAMERA = click.option(
+    "--camera", metavar="SRC", help="As for `lfpipe up`.  [default: the first camera]"
+)
+DURATION = click.option(
+    "--duration",
+    "duration_s",
+    type=Number(0, min_open=True),
+    metavar="S",
+    help="Stop after S seconds.",
+)
+
+
+def _session_name(_context: click.Context, _parameter: click.Parameter, name: str | None) -> str:
+    from lfpipe.transport.control import default_name
+
+    return name or default_name()
+
+
+SESSION = click.option(
+    "--session",
+    "session_name",
+    metavar="NAME",
+    callback=_session_name,
+    help="Session name; default: LFPIPE_SESSION, else 'default'.",
+)
+
+
+def with_settings(command: F) -> F:
+    """--config and --set, as config_file and sets."""
+    command = click.option(
+        "--set",
+        "sets",
+        multiple=True,
+        metavar="KEY=VALUE",
+        help="Set one configuration key; repeatable.",
+    )(command)
+    return click.option(
+        "--config",
+        "config_file",
+        metavar="FILE",
+        help="A TOML file, or the preset paper.",
+    )(command)
+
+
+def with_config(command: Callable[..., Any]) -> Callable[..., Any]:
+    """--config and --set, as config: the whole configuration."""
+
+    @with_settings
+    @functools.wraps(command)
+    def run(*arguments: Any, config_file: str | None, sets: tuple[str, ...], **values: Any) -> Any:
+        from lfpipe import config
+
+        return command(*arguments, config=config.load(config_file, sets), **values)
+
+    return run
+
+
+def with_scene(command: Callable[..., Any]) -> Callable[..., Any]:
+    """--layout, --grid, --flip, --config and --set, as config: how to open a scene."""
+
+    @click.option("--layout", metavar="NAME", help="Layout on disk; default: detect it.")
+    @click.option(
+        "--grid",
+        metavar="ROWSxCOLS",
+        help="Grid of views in file order; default: detect it.",
+    )
+    @click.option(
+        "--flip",
+        type=click.Choice(["none", "rows", "cols", "both"]),
+        help="Reverse rows or columns of the grid.",
+    )
+    @with_config
+    @functools.wraps(command)
+    def run(*arguments: Any, config: Any, **values: Any) -> Any:
+        from lfpipe.config import updated
+
+        how = {f"scene.{key}": values.pop(key) for key in ("layout", "grid", "flip")}
+        config = updated(config, {key: value for key, value in how.items() if value is not None})
+        return command(*arguments, config=config, **values)
+
+    return run
+
+
+@click.command()
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+def completion(shell: str) -> None:
+    """Print the completion script of a shell: eval "$(lfpipe completion bash)"."""
+    from lfpipe.cli import cli
+
+    script = get_completion_class(shell)
+    assert script is not None
+    print_result(script(cli, {}, "lfpipe", "_LFPIPE_COMPLETE").source())

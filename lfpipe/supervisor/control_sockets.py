@@ -56,9 +56,7 @@ class Request:
 
 
 class ControlSockets:
-    """ctl, bus and tap in a run directory. Raises UserError if a path is too long, OSError if a
-    socket cannot be made.
-    """
+    """ctl, bus and tap in a run directory. Raises OSError if a socket cannot be made."""
 
     def __init__(self, run_dir: Path) -> None:
         with contextlib.ExitStack() as parts:
@@ -70,7 +68,6 @@ class ControlSockets:
                 client of a longer one is disconnected.
                 """
                 hidden = run_dir / f".{name}"  # ZeroMQ removes it, and not what is there later
-                control.check_place(run_dir, hidden.name)
                 try:
                     socket = parts.enter_context(context.socket(kind))
                     socket.setsockopt(zmq.MAXMSGSIZE, max_bytes)

@@ -387,23 +387,19 @@ def _is_absolute(path: str) -> bool:
     return path.startswith("/") and "\0" not in path
 
 
-def _status(state: SessionState, _message: Message, _t_ns: int) -> Reply:
-    return Reply(
-        answer={"paused": state.paused, "config": converter().unstructure(state.config)},
-        with_stages=True,
-    )
-
-
-def _pause(state: SessionState, _message: Message, _t_ns: int, *, paused: bool) -> Reply:
-    return Reply(answer={"paused": paused}, state=state.changed(paused=paused))
-
-
 HANDLERS: dict[str, Handler] = {
     "hello": lambda state, _message, _t_ns: Reply(answer=state.message()),
-    "status": _status,
+    "status": lambda state, _message, _t_ns: Reply(
+        answer={"paused": state.paused, "config": converter().unstructure(state.config)},
+        with_stages=True,
+    ),
     "set": _set,
-    "pause": partial(_pause, paused=True),
-    "resume": partial(_pause, paused=False),
+    "pause": lambda state, _message, _t_ns: Reply(
+        answer={"paused": True}, state=state.changed(paused=True)
+    ),
+    "resume": lambda state, _message, _t_ns: Reply(
+        answer={"paused": False}, state=state.changed(paused=False)
+    ),
     "recentre": _recentre,
     "look": _look,
     "action": _action,

@@ -13,6 +13,8 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import zmq
+
 from lfpipe.errors import UserError
 from lfpipe.host import worker
 from lfpipe.host.files import PAUSE_S, REMEDIES, Lock, is_held, is_missing, lock_file
@@ -112,7 +114,12 @@ def acquire(session: Session) -> Lock:
     Raises UserError if another `up` runs under this name or the path is too long for sockets,
     OSError if an entry of the directory cannot be removed.
     """
-    control.check_place(session.run_dir, ".ctl")
+    socket = str(session.run_dir / ".ctl")
+    if len(socket) > zmq.IPC_PATH_MAX_LEN:
+        raise UserError(
+            f"{socket} has {len(socket)} characters; a socket allows {zmq.IPC_PATH_MAX_LEN}",
+            "use a shorter --session name, or a shorter LFPIPE_RUN_DIR",
+        )
     option = "" if session.name == "default" else f" --session {session.name}"
     remedy = f"use another --session NAME, or end it: `lfpipe ctl{option} stop`"
     running = UserError(f"session {session.name!r} is already running", remedy)

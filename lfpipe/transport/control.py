@@ -262,30 +262,15 @@ def context() -> zmq.Context[zmq.Socket[bytes]]:
     return ctx
 
 
-def check_place(run_dir: Path, name: str) -> None:
-    """Raises UserError if the path of a socket in the run directory is too long."""
-    length = len(str(run_dir / name))
-    if length > zmq.IPC_PATH_MAX_LEN:
-        raise UserError(
-            f"{run_dir / name} has {length} characters; a socket allows {zmq.IPC_PATH_MAX_LEN}",
-            "use a shorter --session name, or a shorter LFPIPE_RUN_DIR",
-        )
-
-
 def connect(socket: zmq.Socket[bytes], run_dir: Path, name: str) -> None:
     """Connects to the session's ctl, bus or tap: Unix sockets in its run directory, which only its
-    user may enter. If there is none, messages wait. Raises UserError if the path is too long for a
-    socket.
+    user may enter. If there is none, messages wait.
     """
-    check_place(run_dir, name)
     socket.connect(f"ipc://{run_dir / name}")
 
 
 class Client:
-    """A connection to the session in run_dir.
-
-    Raises UserError if the path is too long for a socket.
-    """
+    """A connection to the session in run_dir."""
 
     def __init__(self, run_dir: Path) -> None:
         with contextlib.ExitStack() as parts:

@@ -127,14 +127,6 @@ def test_acquire_refuses_a_path_too_long_for_sockets(
     rundir.remove(Session("ab").run_dir, lock)
 
 
-def test_session_by_another_path_is_the_same(base: Path, name: str) -> None:
-    link = base.parent / "link"
-    link.symlink_to(base)
-    with holding(link, name):
-        assert Session(name).segment("frames").exists() and rundir.running() == [name]
-        assert "is already running" in Holder(base, name).failed()
-
-
 def test_sweep_removes_a_killed_session_alone(base: Path, name: str) -> None:
     killed = Holder(base, name)
     killed.ready()

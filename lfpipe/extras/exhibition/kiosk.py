@@ -10,8 +10,7 @@ from typing import Any
 import click
 
 from lfpipe import config as configuration
-from lfpipe.cli.options import PATH
-from lfpipe.cli.terminal import Group, print_result, say
+from lfpipe.cli.terminal import PATH, Group, print_result, say
 from lfpipe.config import user_file
 from lfpipe.config.session_options import Window
 from lfpipe.errors import UserError, quoted

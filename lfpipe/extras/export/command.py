@@ -6,9 +6,8 @@ from typing import Any
 
 import click
 
-from lfpipe.cli.options import OVERWRITE, PATH, SCENE, Number, with_scene
 from lfpipe.cli.scene import PICTURES, check_picture, opened, write_picture
-from lfpipe.cli.terminal import Group, print_result, say
+from lfpipe.cli.terminal import OVERWRITE, PATH, SCENE, Group, Number, print_result, say, with_scene
 from lfpipe.config import Config
 from lfpipe.extras.export import pictures
 from lfpipe.extras.export.page import PageExport, check_page, frame_of

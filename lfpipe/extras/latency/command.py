@@ -5,8 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 from lfpipe.capture.open_source import camera_name
-from lfpipe.cli.options import with_config
-from lfpipe.cli.terminal import print_result
+from lfpipe.cli.terminal import print_result, with_config
 from lfpipe.config import Config, user_file
 from lfpipe.config.check import write_keys
 from lfpipe.extras.latency.calibration import measure_device_latency

@@ -4,9 +4,8 @@ from pathlib import Path
 
 import click
 
-from lfpipe.cli.options import PATH, with_config
 from lfpipe.cli.scene import opened
-from lfpipe.cli.terminal import print_result, progress
+from lfpipe.cli.terminal import PATH, print_result, progress, with_config
 from lfpipe.config import Config
 from lfpipe.extras.phone.maker import make_in_child
 

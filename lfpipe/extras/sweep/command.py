@@ -4,8 +4,7 @@ from pathlib import Path
 
 import click
 
-from lfpipe.cli.options import OVERWRITE, PATH, Number
-from lfpipe.cli.terminal import print_result, say
+from lfpipe.cli.terminal import OVERWRITE, PATH, Number, print_result, progress, say
 from lfpipe.errors import UserError
 from lfpipe.host import signals
 
@@ -87,7 +86,6 @@ def sweep(
     cells are skipped.
     Exit code 0: equal, 1: a cell failed or differs, 2: invalid input.
     """
-    from lfpipe.cli.terminal import progress
     from lfpipe.extras.sweep.plan import read_plan
     from lfpipe.extras.sweep.results import DIFFERS, FAILED, verdict, write
     from lfpipe.extras.sweep.run import dask_workers, local_workers, run_sweep
