@@ -249,17 +249,6 @@ def calibrate(
             "calibrate needs a screen: the page shows the camera's picture",
             "run it on a desktop, or set camera.focal_px if you know it",
         )
-    return _open_page(session_name, camera, distance_mm, config_file, sets)
-
-
-def _open_page(
-    session_name: str,
-    camera: str | None,
-    distance_mm: float,
-    config_file: str | None,
-    sets: tuple[str, ...],
-) -> int:
-    """Opens the page in the window of the session, or starts one with it; returns the exit code."""
     options = snapshot(session_name).options if session_name in rundir.running() else None
     if options is not None and isinstance(options.display, Window):
         if camera not in (None, options.viewer.source):
@@ -274,7 +263,7 @@ def _open_page(
 
     return launch(
         UpArguments(
-            scenes=(demo_scene(cache_dir(load(config_file, sets).scene)),),
+            scenes=(demo_scene(cache_dir(config.scene)),),
             camera=camera,
             session_name=session_name,
             config_file=config_file,

@@ -51,7 +51,6 @@ from lfpipe.replays.run import (
     Report,
     about_scene,
     about_sequence,
-    read_report,
     write_junit,
 )
 from lfpipe.sequence.folder import (
@@ -331,12 +330,8 @@ def _replayed(
         if folder is not None:
             check_outside(folder, [path, scene, None if folder is expect else expect], label)
     against, new = (None, expect) if update else (expect, None)
-    if against is not None:
-        if not is_dir(against):
-            raise UserError(
-                f"--expect {against}: no such reference", "the first time, add --update"
-            )
-        read_report(against)
+    if against is not None and not is_dir(against):
+        raise UserError(f"--expect {against}: no such reference", "the first time, add --update")
     sequence = open_sequence(path)
     if not sequence.complete:
         say(

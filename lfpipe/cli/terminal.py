@@ -112,13 +112,9 @@ def progress() -> Iterator[Progress]:
         yield report
 
 
-class Added:
-    """What another package adds."""
-
-
 @dataclass(frozen=True)
-class AddedCommand(Added):
-    """A command."""
+class AddedCommand:
+    """A command of another package."""
 
     summary: str
     """Its line in the list of commands."""
@@ -127,8 +123,8 @@ class AddedCommand(Added):
 
 
 @dataclass(frozen=True)
-class AddedOption(Added):
-    """One or more options of a command."""
+class AddedOption:
+    """One or more options of a command, of another package."""
 
     options: tuple[click.Option, ...]
     """Their values are passed to the wrapper."""
@@ -137,7 +133,7 @@ class AddedOption(Added):
     all options and arguments. proceed(**values) runs the command without the added options."""
 
 
-A = TypeVar("A", bound=Added)
+A = TypeVar("A", AddedCommand, AddedOption)
 
 
 def added(place: str, kind: type[A]) -> dict[str, A]:

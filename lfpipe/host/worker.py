@@ -141,8 +141,8 @@ PR_SET_PDEATHSIG, PR_SET_TIMERSLACK = 1, 29  # linux/prctl.h
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # malloc.h
 KEPT_BYTES = 32 << 20  # the maximum of glibc; a 4K frame has 25 MB
 SLICE_NS = 100_000  # the shortest that the kernel grants
-# sched_setattr and sched_getattr, which the C library does not offer; struct sched_attr
-SCHED_CALLS = {"x86_64": (314, 315), "aarch64": (274, 275)}
+# number of sched_setattr, which the C library does not offer; struct sched_attr
+SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}
 SCHED_ATTR = struct.Struct("=IIQiIQQQ")
 
 
@@ -176,23 +176,16 @@ def yield_to_others() -> None:
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 
 
-def ask_for_short_slices() -> bool:
+def ask_for_short_slices() -> None:
     """Asks for turns of SLICE_NS on a core, for this thread and those that it starts: beside busy
-    programs, a thread that wakes then runs sooner, for the same share. Returns whether the kernel
-    grants it, as Linux 6.12 and later do; not to a process of another policy than the usual one.
+    programs, a thread that wakes then runs sooner, for the same share. Linux grants it since 6.12,
+    and not to a process of another policy than the usual one.
     """
-    offers = sys.platform == "linux" and platform.machine() in SCHED_CALLS
-    if not offers or os.sched_getscheduler(0) != os.SCHED_OTHER:
-        return False
-    set_them, get_them = SCHED_CALLS[platform.machine()]
-    size, nice = SCHED_ATTR.size, os.getpriority(os.PRIO_PROCESS, 0)
-    attributes = ctypes.create_string_buffer(
-        SCHED_ATTR.pack(size, 0, 0, nice, 0, SLICE_NS, 0, 0), size
-    )
-    call = ctypes.CDLL(None).syscall
-    return bool(
-        call(set_them, 0, attributes, 0) == call(get_them, 0, attributes, size, 0) == 0
-    ) and (SCHED_ATTR.unpack(attributes.raw)[5] == SLICE_NS)
+    number = SCHED_SETATTR.get(platform.machine()) if sys.platform == "linux" else None
+    if number and os.sched_getscheduler(0) == os.SCHED_OTHER:
+        nice = os.getpriority(os.PRIO_PROCESS, 0)
+        attributes = SCHED_ATTR.pack(SCHED_ATTR.size, 0, 0, nice, 0, SLICE_NS, 0, 0)
+        ctypes.CDLL(None).syscall(number, 0, attributes, 0)
 
 
 def set_up(name: str) -> None:

@@ -140,13 +140,12 @@ def check_reference(reference: Path, report: Report) -> None:
 
 
 def compare(reference: Path, folder: Path, keeps: bool = True) -> Comparison:
-    """Compares the reference with the run in folder. keeps: save the pictures that show differences
-    to folder/difference, and name them.
+    """Compares the reference with the run in folder, which `check_reference` allows. keeps: save
+    the pictures that show differences to folder/difference, and name them.
 
-    Raises UserError if the reference cannot be read or has another sequence or scene.
+    Raises UserError if the reference cannot be read.
     """
     was, now = read_report(reference), read_report(folder)
-    check_reference(reference, now)
     theirs, ours = was["versions"], now["versions"]
     others = ", ".join(
         f"{name} {plain(str(theirs[name]), VALUE_CHARS)} in the reference, {ours[name]} now"

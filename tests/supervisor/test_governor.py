@@ -232,16 +232,6 @@ def test_governor_is_at_full_quality_between_rare_bursts(name: str, most: float)
     assert spans[np.array(levels[:-1]) > 0].sum() <= most * 3600
 
 
-@pytest.mark.parametrize("apart_s", [8, 15, 30, 60])
-def test_governor_is_at_full_quality_30_s_after_three_bursts(apart_s: int) -> None:
-    run = Run()
-    for _ in range(3):
-        run.feed_for(LATE, 2.0)
-        run.feed_for(EASY, apart_s - 2.0)
-    run.feed_for(EASY, 32.0 - apart_s)
-    assert run.governor.level == 0
-
-
 COSTS = DrawingCosts(ns_per_px={"warp": 7.0, "nearest": 1.5}, picture_px=512**2, cores=2)
 
 
