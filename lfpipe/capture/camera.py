@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.capture.camera_list import LIBCAMERA, CameraControls, opened, others
-from lfpipe.capture.recordings import Frame, SourceInfo, size_notes
+from lfpipe.capture.camera_list import LIBCAMERA, START_S, CameraControls, opened, others
+from lfpipe.capture.recordings import Frame, SourceInfo, size_notes, stall_s
 from lfpipe.capture.v4l2_device import (
     CHEAPEST,
     DECODED,
@@ -35,8 +35,6 @@ from lfpipe.transport.ring import StampKind
 
 log = logging.getLogger(__name__)
 
-STALL_S, STALL_PERIODS = 0.9, 3  # longest wait for a frame: whichever is longer
-START_S = 5.0  # longest wait for the first frame: some cameras need seconds
 CONTROLS_S = 1.0  # longest wait for the camera's controls; they are set later if it is slower
 REPLUG = "unplug the camera and plug it in again"
 # An older stamp comes from another clock. Until the next frame at 6 Hz, its eyes are not stale.
@@ -180,8 +178,8 @@ def start(path: Path, device: V4L2Device, camera: config.Camera) -> tuple[Mode, 
     camera on it, in a mode that needs less. Raises as `negotiate`.
     """
     tried: list[Mode] = []
-    for asked in (camera, *lighter(camera)):
-        mode, info = negotiate(path, device, asked)
+    for request in (camera, *lighter(camera)):
+        mode, info = negotiate(path, device, request)
         if mode in tried:
             continue
         tried.append(mode)
@@ -192,7 +190,7 @@ def start(path: Path, device: V4L2Device, camera: config.Camera) -> tuple[Mode, 
                 raise
             log.info("camera %s: no bandwidth for %s", path, mode)
             continue
-        less = () if asked is camera else ("its USB bus lacks bandwidth for more",)
+        less = () if request is camera else ("its USB bus lacks bandwidth for more",)
         return mode, attrs.evolve(info, notes=(*info.notes, *less))
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -209,16 +207,16 @@ class CameraSource:
         """
         self._path = path
         self._device = device
-        with contextlib.ExitStack() as opened_so_far:
-            opened_so_far.callback(device.close)
+        with contextlib.ExitStack() as undo:
+            undo.callback(device.close)
             try:
                 if not device.signal:
                     raise self._no_signal()
                 mode, info = start(path, device, camera)
                 self._decoder = FrameDecoder(mode)
-                opened_so_far.callback(self._decoder.close)
+                undo.callback(self._decoder.close)
                 self._controls = CameraControls(device.duplicate(), camera)
-                opened_so_far.callback(self._controls.end, CONTROLS_S)
+                undo.callback(self._controls.end, CONTROLS_S)
                 # discarded: often dark, and old when the session is ready
                 first = device.read(START_S)
             except TimeoutError:
@@ -230,10 +228,10 @@ class CameraSource:
                     f"camera {path}: {error}", "set another camera.format, or another size"
                 ) from None
             # restores the controls, then ends the stream
-            self.close = opened_so_far.pop_all().close
+            self.close = undo.pop_all().close
         self._clock = SensorClock(info.rate_hz)
         self._period_ns = 1e9 / info.rate_hz
-        self._stall_s = max(STALL_S, STALL_PERIODS / info.rate_hz)
+        self._stall_s = stall_s(info.rate_hz)
         self._kind = stamp_kind(device.driver, first.start_of_exposure)
         self._seq = -1
         self._sequence = first.sequence

@@ -97,14 +97,14 @@ class CameraControls(threading.Thread):
         try:
             self._apply(self._camera)
             while True:
-                self.exposure_ns = self._asked("", self._exposure_ns)
+                self.exposure_ns = self._attempt("", self._exposure_ns)
                 self.signal = self._device.signal
                 self.applied.set()
                 if self._ending.wait(CHECK_S):
                     break
             for control, value in reversed(self._before.items()):
                 any(
-                    self._asked("", self._set, control, value) is not None
+                    self._attempt("", self._set, control, value) is not None
                     for _ in range(RESTORE_TRIES)
                 )
         finally:
@@ -121,17 +121,17 @@ class CameraControls(threading.Thread):
     def _apply(self, camera: config.Camera) -> None:
         for key, value in ("camera.exposure", camera.exposure), ("camera.gain", camera.gain):
             if value != "auto":
-                self._asked(key, self._set_amount, key, value)
+                self._attempt(key, self._set_amount, key, value)
         key = "camera.dynamic_framerate"
         state = camera.dynamic_framerate
         if (
             state != "auto"
-            and self._asked(key, self._set, DYNAMIC_FRAMERATE, int(state == "on"))
+            and self._attempt(key, self._set, DYNAMIC_FRAMERATE, int(state == "on"))
             and state == "off"
         ):
             self.notes[key] = DARKER
 
-    def _asked(self, key: str, call: Callable[..., T | None], *args: Any) -> T | None:
+    def _attempt(self, key: str, call: Callable[..., T | None], *args: Any) -> T | None:
         """The device's answer; if it fails None, which is noted for the key."""
         try:
             return call(*args)
@@ -186,6 +186,7 @@ def _nearest(span: ControlRange, value: float) -> int:
 
 SYS, DEV = Path("/sys/class/video4linux"), Path("/dev")
 ANSWER_S = 3.0  # drivers answer in microseconds; a stuck one never does
+START_S = 5.0  # longest wait for the first frame: some cameras need seconds
 LIST_S = 30.0  # thousands of calls on an emulated machine
 WITHOUT_CAMERA = "plug it in, or use --camera demo, or a recording with --camera file:PATH"
 LIBCAMERA = (
@@ -339,8 +340,8 @@ def ranked(
     """Cameras, the best to see a face with first, then by their USB ports, which stay when numbers
     change. formats: the pixel formats of one; None if it cannot be asked.
     """
-    found = [Ranked(device, _doubt(formats(device))) for device in devices]
-    return sorted(found, key=lambda one: (DOUBTS.index(one.doubt), one.device.place))
+    unsorted = [Ranked(device, _doubt(formats(device))) for device in devices]
+    return sorted(unsorted, key=lambda one: (DOUBTS.index(one.doubt), one.device.place))
 
 
 UNKNOWN = "its formats are not known"
@@ -360,12 +361,13 @@ def _doubt(formats: Sequence[str] | None) -> str:
 
 def first_camera() -> CameraSpec:
     """The best camera to see a face with. Raises NoCamera."""
-    present = ranked(cameras())
-    if not present:
+    best_first = ranked(cameras())
+    if not best_first:
         raise NoCamera("no camera found", others())
-    for left in present[1:]:
-        log.info("camera %s is not used: %s", left.device.path, left.doubt or "it is not the first")
-    return CameraSpec(present[0].device.path)
+    for other in best_first[1:]:
+        why = other.doubt or "it is not the first"
+        log.info("camera %s is not used: %s", other.device.path, why)
+    return CameraSpec(best_first[0].device.path)
 
 
 def by_name(name: str, devices: list[CameraDevice]) -> CameraDevice:
@@ -397,7 +399,7 @@ class CameraFinder:
 
     def __init__(self, spec: CameraSpec) -> None:
         self._spec = spec
-        self._known: CameraDevice | None = None
+        self._device: CameraDevice | None = None  # as it was last
         self._twins: set[str] = set()  # places of other cameras of that name
         self._gone = False
 
@@ -406,29 +408,29 @@ class CameraFinder:
 
         Raises UserError if no camera, or more than one, has the name, or if it is unplugged.
         """
-        known = self._known
-        if known is None:
+        before = self._device
+        if before is None:
             spec = self._spec if self._spec != CameraSpec() else first_camera()
             first = by_name(spec.name, nodes()) if spec.name else describe(spec.path)
             if first.place:  # else there is nothing to recognise it by
-                self._known = first
+                self._device = first
             return first.path
-        same_name = [device for device in nodes() if device.name == known.name]
-        same_place = [device for device in same_name if device.place == known.place]
+        same_name = [device for device in nodes() if device.name == before.name]
+        same_place = [device for device in same_name if device.place == before.place]
         if same_place or not self._gone:
-            self._twins = {device.place for device in same_name} - {known.place}
+            self._twins = {device.place for device in same_name} - {before.place}
         self._gone = not same_place
         candidates = same_place or [
             device for device in same_name if device.place not in self._twins
         ]
-        candidates.sort(key=lambda device: device.path != known.path)
+        candidates.sort(key=lambda device: device.path != before.path)
         # nodes of one camera (pictures, metadata) share name and place,
         # and may have swapped their numbers
         current = next((device for device in candidates if _captures(device)), None)
         if current is None:
-            raise UserError(f"camera {known.path} ({known.name}): unplugged", "plug it in again")
-        if current.path != known.path:
-            log.info("camera %s is now %s", known.path, current.path)
-        self._known = current
+            raise UserError(f"camera {before.path} ({before.name}): unplugged", "plug it in again")
+        if current.path != before.path:
+            log.info("camera %s is now %s", before.path, current.path)
+        self._device = current
         self._gone = False
         return current.path

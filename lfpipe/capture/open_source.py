@@ -26,12 +26,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.capture.camera_list import first_camera, with_time_limit
+from lfpipe.capture.camera_list import ANSWER_S, START_S, first_camera, with_time_limit
 from lfpipe.capture.recordings import (
     Frame,
     FrameSource,
+    OrientedSource,
     SourceInfo,
-    orient,
+    stall_s,
     undecodable,
 )
 from lfpipe.capture.spec import (
@@ -51,15 +52,13 @@ from lfpipe.files.codecs import fit_area, fit_note, fitted
 from lfpipe.host.worker import usable_cores
 from lfpipe.live.records import attached, has_writer, two_cameras
 from lfpipe.plugins import IN_USE, blaming
+from lfpipe.scene.optical_flow import SMALLEST_PX
 from lfpipe.transport.ring import POLL_S, SECOND_NS, StampKind, now_ns
 
 WAIT_S = 0.1  # longest wait of `read`
-# a camera without a frame for the longer of these is lost; longer than `camera` waits
-STALL_S, STALL_PERIODS = 1.0, 3.5
 BACKOFF_S, MAX_BACKOFF_S = 0.5, 5.0
-FIRST_S = 8.0  # longest wait of the constructor until the camera is open
 # a driver call longer than this ends the process; five restarts take more than a minute
-HUNG_S = 15.0
+HUNG_S = CameraSpec.time_limit_s
 
 
 class CameraLost(TimeoutError):
@@ -75,7 +74,7 @@ class ReconnectingCamera:
     def __init__(self, info: SourceInfo, open_: Callable[[], FrameSource]) -> None:
         """info: assumed until the camera is open. open_: opens it, or raises UserError.
 
-        Returns when the camera is open or failed to open, after at most FIRST_S.
+        Returns when the camera has delivered a first frame, or failed, or has had the time for it.
         """
         self.info = info
         self._open = open_
@@ -90,9 +89,9 @@ class ReconnectingCamera:
         self._called_ns = time.monotonic_ns()
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
         self._thread.start()
-        self._opened.wait(FIRST_S)
-        # when the last frame came, and the present one was asked for
-        self._fresh_ns = self._asked_ns = time.monotonic_ns()
+        self._opened.wait(ANSWER_S + START_S)
+        # when the last frame came, and the present one was requested
+        self._fresh_ns = self._requested_ns = time.monotonic_ns()
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
         """See `FrameSource.read`; waits at most WAIT_S. out belongs to the thread until a frame has
@@ -103,7 +102,7 @@ class ReconnectingCamera:
         """
         if not self._requested:
             self._requested = True
-            self._asked_ns = time.monotonic_ns()
+            self._requested_ns = time.monotonic_ns()
             self._requests.put(out)
         try:
             answer = self._answers.get(timeout=WAIT_S)
@@ -113,9 +112,10 @@ class ReconnectingCamera:
             if called_ns and t_ns - called_ns > HUNG_S * 1e9:
                 why = f"{self.info.name}: its driver has not answered for {HUNG_S:g} s"
                 raise UserError(why, "unplug the camera and plug it in again") from None
-            # a session that works less asks for fewer frames
-            silent_s = (t_ns - max(self._fresh_ns, self._asked_ns)) / 1e9
-            if silent_s <= max(STALL_S, STALL_PERIODS / self.info.rate_hz):
+            # a session that works less requests fewer frames
+            silent_s = (t_ns - max(self._fresh_ns, self._requested_ns)) / 1e9
+            # one whose driver answers says so itself, before
+            if silent_s <= stall_s(self.info.rate_hz) + WAIT_S:
                 raise TimeoutError from None
             raise self._no_frame(f"{self.info.name}: no frame for {silent_s:.1f} s") from None
         self._requested = False
@@ -234,7 +234,8 @@ def open_source(text: str, camera: config.Camera, reconnect: bool = False) -> Fr
         source: FrameSource = ReconnectingCamera(info, partial(spec.open, camera))
     else:
         source = spec.open(camera)
-    return source if spec.upright else orient(source, camera)
+    turns = (camera.rotate or camera.mirror) and not spec.upright
+    return OrientedSource(source, camera) if turns else source
 
 
 @blaming(IN_USE)
@@ -325,13 +326,12 @@ class RowSource:
                 break
             for k in late:
                 frames[k] = self._next(k)
-        known = [frame for frame in frames if frame is not None]
-        if len(known) < len(frames):
+        stamps = [frame.t_sensor_ns for frame in frames if frame is not None]
+        if len(stamps) < len(frames) or (first := frames[0]) is None:
             return None
-        for k, tile in enumerate(np.split(out, len(known), axis=1)):
-            fitted(self._pictures[k], tile)
-        stamps = [frame.t_sensor_ns for frame in known]
-        return attrs.evolve(known[0], packet=None, offset_ns=max(stamps) - min(stamps))
+        for picture, tile in zip(self._pictures, np.split(out, len(frames), axis=1), strict=True):
+            fitted(picture, tile)
+        return attrs.evolve(first, packet=None, offset_ns=max(stamps) - min(stamps))
 
     def _next(self, k: int) -> Frame | None:
         return self._sources[k].read(self._pictures[k])
@@ -354,7 +354,6 @@ class RowSource:
             source.close()
 
 
-WAIT_NS = SECOND_NS // 2  # until a timeout, before which the writer's end is noticed
 RATE_HZ = 1.0  # that it draws at least: more slowly, it counts as stalled for a while
 
 
@@ -384,7 +383,7 @@ class RingSource:
                 " now",
                 "end this session and start it again",
             )
-        until_ns = now_ns() + WAIT_NS
+        until_ns = now_ns() + round(SECOND_NS / RATE_HZ)
         while now_ns() < until_ns:
             if (peeked := self._reader.peek()) is not None:
                 stamp, record = peeked
@@ -408,7 +407,6 @@ class RingSource:
 FORM = "live:SOURCE?layout=side-by-side|over-under|mosaic&grid=RxC&size=WxH"
 LAYOUTS = {"side-by-side": ((1, 2), 2), "over-under": ((1, 2), 1)}  # grid, tiles across
 WIDE = 2.2  # width over height of a frame, from which it holds two views side by side
-SMALLEST_PX = 48  # of a view
 OWN = ("layout", "grid", "size")  # parameters; others are the source's
 
 
@@ -439,10 +437,10 @@ def check_live(text: str, config: Config) -> LiveSource:
             " views",
             "give the grid of the frame with grid=RxC, or its size with size=WxH",
         )
-    if min(live.width_px, live.height_px) < SMALLEST_PX:
+    if min(live.width_px, live.height_px) < 2 * SMALLEST_PX:  # disparity has half their size
         raise UserError(
             f"{text}: views of {live.width_px}x{live.height_px} px are too small",
-            f"use views of at least {SMALLEST_PX} px a side",
+            f"use views of at least {2 * SMALLEST_PX} px a side",
         )
     if not two_cameras(live):
         return live
@@ -451,27 +449,18 @@ def check_live(text: str, config: Config) -> LiveSource:
 
 
 def check_devices(text: str, live: LiveSource, viewer: str) -> None:
-    """Raises UserError if the camera of the light field is the source of the viewer."""
-    if same_device(live.source, viewer):
+    """Raises UserError if the camera of the light field is the source of the viewer, a frame
+    source.
+    """
+    views, eyes = parse_source(live.source), parse_source(viewer)
+    cameras = {definite_name(views, live.source)}
+    if isinstance(views, RowKind):
+        cameras = set(map(definite_name, views.cameras, views.names))
+    if views.live and eyes.live and definite_name(eyes, viewer) in cameras:
         raise UserError(
             f"{text}: this camera already tracks your eyes",
             "name another camera for them with --camera, or use --camera mouse",
         )
-
-
-def same_device(a: str, b: str) -> bool:
-    """Whether two sources are one camera."""
-    if not a or not b or not (parse_source(a).live and parse_source(b).live):
-        return False
-    one, other = (_cameras(parse_source(text), text) for text in (a, b))
-    return not one.isdisjoint(other)
-
-
-def _cameras(kind: SourceKind, text: str) -> set[str]:
-    """The definite names of the cameras of a source."""
-    if isinstance(kind, RowKind):
-        return set(map(definite_name, kind.cameras, kind.names))
-    return {definite_name(kind, text)}
 
 
 def _split(rest: str) -> tuple[str, dict[str, str]]:
@@ -496,10 +485,10 @@ def _pair(own: dict[str, str], key: str, between: str) -> tuple[int, int] | None
     text = own.get(key)
     if text is None:
         return None
-    found = re.fullmatch(rf"(\d{{1,4}}){between}(\d{{1,4}})", text)
-    if found is None or "0" in found.groups():
+    numbers = re.fullmatch(rf"(\d{{1,4}}){between}(\d{{1,4}})", text)
+    if numbers is None or "0" in numbers.groups():
         raise UserError(f"{key}={text}: not two numbers", f"use for example {key}=3{between}3")
-    return int(found[1]), int(found[2])
+    return int(numbers[1]), int(numbers[2])
 
 
 def _grid(

@@ -106,7 +106,7 @@ class OrientedSource:
     def __init__(self, source: FrameSource, camera: config.Camera) -> None:
         self._source = source
         self._camera = camera
-        self._taken = np.empty((camera.height_px, camera.width_px, 3), np.uint8)
+        self._unturned = np.empty((camera.height_px, camera.width_px, 3), np.uint8)
 
     @property
     def info(self) -> SourceInfo:
@@ -118,11 +118,11 @@ class OrientedSource:
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
         """See `FrameSource.read`."""
-        frame = self._source.read(self._taken)
+        frame = self._source.read(self._unturned)
         if frame is None:
             return None
         rotate = self._camera.rotate
-        picture = cv2.rotate(self._taken, _TURNS[rotate]) if rotate else self._taken
+        picture = cv2.rotate(self._unturned, _TURNS[rotate]) if rotate else self._unturned
         np.copyto(out, picture[:, ::-1] if self._camera.mirror else picture)
         return attrs.evolve(frame, packet=None)
 
@@ -146,9 +146,12 @@ def as_read(pictures: NDArray[np.uint8], camera: config.Camera) -> NDArray[np.ui
     return np.rot90(unmirrored, camera.rotate // 90, axes=(1, 2))
 
 
-def orient(source: FrameSource, camera: config.Camera) -> FrameSource:
-    """source, rotated and mirrored by the configuration; source itself if neither is configured."""
-    return OrientedSource(source, camera) if camera.rotate or camera.mirror else source
+STALL_S, STALL_PERIODS = 0.9, 3  # longest wait for a frame of a camera: whichever is longer
+
+
+def stall_s(rate_hz: float) -> float:
+    """How long a camera may deliver no frame until it counts as lost."""
+    return max(STALL_S, STALL_PERIODS / rate_hz)
 
 
 PORTRAIT = Path(__file__).with_name("portrait.jpg")  # in the public domain: portrait.md
@@ -348,7 +351,6 @@ class Lateness:
 
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".tif", ".tiff", ".webp"})
-GREY = 128  # of a frame that was not recorded
 MAX_BROKEN = 50  # frames in a row: 2 s of a video
 
 
@@ -414,14 +416,14 @@ def _sequence(path: Path) -> Recording:
     its frames do if they are damaged.
     """
     sequence = open_sequence(path, verify=False)
-    grey = np.broadcast_to(np.uint8(GREY), (sequence.height_px, sequence.width_px, 3))
+    black = np.broadcast_to(np.uint8(0), (sequence.height_px, sequence.width_px, 3))
 
     def read(index: int) -> RecordedFrame | None:
         if index == len(sequence.packets):
             return None
         packet = sequence.packets[index]
         data = sequence.data(index)
-        picture = grey if sequence.holds_eyes else sequence.frame(index, data)
+        picture = black if sequence.holds_eyes else sequence.frame(index, data)
         return RecordedFrame(
             packet.t_sensor_ns,
             picture,

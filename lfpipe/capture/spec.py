@@ -253,10 +253,6 @@ class RowKind(SourceKind):
         return self.cameras[0].live
 
     @property
-    def time_limit_s(self) -> float:  # type: ignore[override]
-        return self.cameras[0].time_limit_s * len(self.cameras)
-
-    @property
     def remedy(self) -> str:  # type: ignore[override]
         return self.cameras[0].remedy
 

@@ -105,11 +105,12 @@ class CaptureStage:
     def run(self) -> None:
         """Runs until the stop, or the end of the source."""
         context = self._context
+        context.ready()
         if not self._live and not context.wait_for_others():
             return
         next_ns = 0  # when a frame is read
         while context.wait(next_ns) and not self._ended:
-            self._take_commands()
+            self._execute_commands()
             t_begin_ns = now_ns()
             if context.paused and not self._live:
                 self._stand_still()
@@ -126,7 +127,7 @@ class CaptureStage:
         """Stops a recording and its clock while the session is paused."""
         began_ns = now_ns()
         while self._context.paused and self._context.wait():
-            self._take_commands()
+            self._execute_commands()
         if not self._lossless:
             self._lateness.moved_ns += now_ns() - began_ns
 
@@ -205,28 +206,23 @@ class CaptureStage:
             context.row["cpu_ns"] = time.process_time_ns()
             context.row["offset_us"] = frame.offset_ns // 1000
             if self._recorder is not None and self._recorder.active:
-                self._record(frame, t_sensor_ns, t_read_ns, picture)
+                jpeg = frame.packet  # the source's own, if it delivers them
+                self._recorder.add(
+                    Recordable(
+                        source_seq=frame.source_seq,
+                        epoch=frames.writer.epoch,
+                        t_sensor_ns=t_sensor_ns,
+                        t_read_ns=t_read_ns,
+                        data=picture.copy() if jpeg is None else jpeg.tobytes(),
+                        codec="" if jpeg is None else "jpeg",
+                    ),
+                    wait=self._lossless,
+                )
         # after publishing, which it would delay
         self._flat_ns = flat_since(self._flat_ns, picture, frame.t_sensor_ns)
         context.row["covered"] = 0 < self._flat_ns <= frame.t_sensor_ns - COVERED_NS
 
-    def _record(
-        self, frame: Frame, t_sensor_ns: int, t_read_ns: int, picture: NDArray[np.uint8]
-    ) -> None:
-        """Records a frame, as the source's own JPEG if it delivers them."""
-        assert self._recorder is not None
-        jpeg = frame.packet
-        recordable = Recordable(
-            source_seq=frame.source_seq,
-            epoch=self._frames.writer.epoch,
-            t_sensor_ns=t_sensor_ns,
-            t_read_ns=t_read_ns,
-            data=picture.copy() if jpeg is None else jpeg.tobytes(),
-            codec="" if jpeg is None else "jpeg",
-        )
-        self._recorder.add(recordable, wait=self._lossless)
-
-    def _take_commands(self) -> None:
+    def _execute_commands(self) -> None:
         """Executes commands, and follows the recording."""
         context = self._context
         context.ack_config()
@@ -275,30 +271,22 @@ class CaptureStage:
 def main(context: Context) -> None:
     """Runs the stage until it is stopped or the source ends."""
     if context.spec.name == "views" and (live := context.options.live) is not None:
-        run(
-            CaptureStage(context, live.source, live_camera(context.config, live.frame_px), "views"),
-            context,
-        )
-        return
-    camera = camera_settings(context.config)
-    source = context.options.viewer.source
-    if context.spec.request:  # another viewer, while the session runs
-        with context.setting_up("opening the source"):
-            found = check_source(source, camera)
-        if isinstance(found, RecordedEyes):
-            raise UserError(
-                f"{source}: a recording of the mouse cannot replace a viewer",
-                "start a session with --camera",
-            )
-        source = found.source
-        context.answer({"number": context.spec.request}, **attrs.asdict(found))
-    viewer = context.options.viewer
-    recorder = Recorder(context, viewer.jpeg_px or context.config.camera.frame_px)
-    run(CaptureStage(context, source, camera, "frames", recorder), context)
-
-
-def run(stage: CaptureStage, context: Context) -> None:
-    """Runs a stage to its end."""
+        camera = live_camera(context.config, live.frame_px)
+        stage = CaptureStage(context, live.source, camera, "views")
+    else:
+        camera = camera_settings(context.config)
+        source = context.options.viewer.source
+        if context.spec.request:  # another viewer, while the session runs
+            with context.setting_up("opening the source"):
+                replacement = check_source(source, camera)
+            if isinstance(replacement, RecordedEyes):
+                raise UserError(
+                    f"{source}: a recording of the mouse cannot replace a viewer",
+                    "start a session with --camera",
+                )
+            source = replacement.source
+            context.answer({"number": context.spec.request}, **attrs.asdict(replacement))
+        frame_px = context.options.viewer.jpeg_px or context.config.camera.frame_px
+        stage = CaptureStage(context, source, camera, "frames", Recorder(context, frame_px))
     with contextlib.closing(stage):
-        context.ready()
         stage.run()

@@ -30,7 +30,6 @@ NOT_THERE = (errno.EINVAL, errno.ENOTTY)
 # one being decoded, one being filled, two spare;
 # older frames are skipped, so spare buffers add no latency
 BUFFERS = 4
-MAX_BUFFERS = 32  # VIDEO_MAX_FRAME
 
 S = TypeVar("S", bound=Structure)
 
@@ -108,7 +107,7 @@ class V4L2Device:
         self.path = path
         self.fd = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC) if fd is None else fd
         self._maps: list[mmap.mmap] = []  # while it streams
-        self._taken: int | None = None  # index of the buffer in the caller's hands
+        self._lent: int | None = None  # index of the buffer in the caller's hands
         try:
             capability = self.ioctl(abi.QUERYCAP, abi.Capability())
         except OSError:
@@ -256,7 +255,7 @@ class V4L2Device:
 
     def start(self) -> None:
         """Streams in the mode of `configure` until `close`."""
-        count = min(int(self.ioctl(abi.REQBUFS, _buffers(BUFFERS)).count), MAX_BUFFERS)
+        count = int(self.ioctl(abi.REQBUFS, _buffers(BUFFERS)).count)
         if not count:
             raise OSError(errno.ENOMEM, "the driver has no buffers")
         try:
@@ -273,9 +272,9 @@ class V4L2Device:
 
     def read(self, timeout_s: float) -> RawFrame:
         """The newest frame of the stream. Raises TimeoutError without one."""
-        if self._taken is not None:
-            index = self._taken
-            self._taken = None
+        if self._lent is not None:
+            index = self._lent
+            self._lent = None
             self.ioctl(abi.QBUF, _buffer(index))
         until = time.monotonic() + timeout_s
         newest: abi.Buffer | None = None
@@ -307,7 +306,7 @@ class V4L2Device:
             if newest is not None:
                 self.ioctl(abi.QBUF, _buffer(newest.index))
             newest = buffer
-            self._taken = buffer.index
+            self._lent = buffer.index
 
     def close(self) -> None:
         """Stops the stream and frees its buffers, as far as the driver still answers, and closes

@@ -67,16 +67,12 @@ class Recording:
         self._last_ns = 0
         self._max_frames = max(MIN_FRAMES, BUFFER_BYTES // (3 * math.prod(size_px)))
         self._queue = queue.SimpleQueue[Recordable | None]()
-        self._thread = threading.Thread(target=self._run, name="recorder")
-        self._thread.start()
+        self.thread = threading.Thread(target=self._run, name="recorder")
+        self.thread.start()
 
     @property
     def full(self) -> bool:
         return self._queue.qsize() >= self._max_frames
-
-    @property
-    def ended(self) -> bool:
-        return not self._thread.is_alive()
 
     def add(self, frame: Recordable) -> bool:
         """Whether a frame is stored: not if it repeats the stamp of the one before, which could not
@@ -92,10 +88,6 @@ class Recording:
     def end(self) -> None:
         """Lets the thread store the rest and complete the sequence."""
         self._queue.put(None)
-
-    def join(self) -> None:
-        """Waits for the thread."""
-        self._thread.join()
 
     def _run(self) -> None:
         # Yields to threads that wake up for a live picture. A lower priority would be wrong:
@@ -171,17 +163,16 @@ class Recorder:
             raise UserError(f"{folder}: {error.strerror}", "use another folder") from None
 
     def _end(self) -> None:
-        if self.active and self._recording is not None:
+        if self._recording is not None and not self._is_ending:
             self._is_ending = True
             self._recording.end()
 
     def add(self, frame: Recordable, wait: bool = False) -> None:
-        """Stores a frame, if there is a recording. wait: for space, in a session in which no time
+        """Stores a frame; call it while `active`. wait: for space, in a session in which no time
         passes.
         """
         recording = self._recording
-        if recording is None or self._is_ending:
-            return
+        assert recording is not None
         while wait and recording.full and not recording.failure:
             with self._context.busy_with("waiting for the disk"):
                 if not self._context.wait(now_ns() + FULL_NS):
@@ -194,7 +185,7 @@ class Recorder:
         context, recording = self._context, self._recording
         if recording is None:
             return
-        ended = recording.ended  # before the count is read
+        ended = not recording.thread.is_alive()  # before the count is read
         count = recording.writer.count
         context.row["recorded"] += count - recording.counted
         recording.counted = count
@@ -219,5 +210,5 @@ class Recorder:
             return
         with self._context.saving("writing the recording"):
             self._end()
-            self._recording.join()
+            self._recording.thread.join()
             self.report()

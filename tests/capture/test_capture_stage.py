@@ -1,7 +1,7 @@
 """The stage capture in the test's own process, on a clock and with a source as a test wants."""
 
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import pytest
 from lfpipe.capture import stage
 from lfpipe.capture.open_source import CameraLost
 from lfpipe.capture.recordings import Frame, SourceInfo
-from lfpipe.capture.stage import COVERED_NS, IDLE_NS, LATE_PERIODS, CaptureStage, run
+from lfpipe.capture.stage import COVERED_NS, IDLE_NS, LATE_PERIODS, CaptureStage
 from lfpipe.config import Camera, SessionOptions
 from lfpipe.config.session_options import CameraViewer
 from lfpipe.files.codecs import BrokenFrame
@@ -110,7 +110,8 @@ class Captured:
             return self.source.wait(until_ns)
 
         self.context.clock = wait
-        run(capture, self.context)
+        with closing(capture):
+            capture.run()
         wait(0)
         frames.close()
         return read

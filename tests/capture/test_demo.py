@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lfpipe import config
-from lfpipe.capture.recordings import DemoSource, orient
+from lfpipe.capture.recordings import DemoSource, OrientedSource
 
 
 @pytest.mark.parametrize(("rotate", "mirror"), [(90, False), (180, True), (270, False), (0, True)])
@@ -17,7 +17,7 @@ def test_a_camera_mounted_otherwise_is_set_right(
     plain = np.empty((480, 640, 3), np.uint8)
     out = np.empty((camera.frame_px[1], camera.frame_px[0], 3), np.uint8)
     DemoSource(camera).read(plain)
-    source = orient(DemoSource(camera), camera)
+    source = OrientedSource(DemoSource(camera), camera)
     source.read(out)
     turned = np.rot90(plain, -rotate // 90)
     np.testing.assert_array_equal(out, turned[:, ::-1] if mirror else turned)

@@ -10,7 +10,9 @@ import lfpipe
 from lfpipe.capture.open_source import RingSource, RowSource, check_live
 from lfpipe.capture.recordings import Frame, SourceInfo
 from lfpipe.capture.spec import is_live
+from lfpipe.cli.prepare import Request, UpArguments, _open_live
 from lfpipe.config import Config
+from lfpipe.config.session_options import MouseViewer, Window
 from lfpipe.errors import UserError
 from lfpipe.live.records import VIEWPOINTS, Program, cut, scene_of
 from lfpipe.transport import ring
@@ -95,6 +97,13 @@ def test_program_that_comes_back_with_other_views_is_not_read() -> None:
         program = Program(live)
         scene.write(np.zeros((1, 2, 60, 80, 3), np.uint8), disparity, t_ns=7)
         assert program.found(stamp_of(Frame(1, 7, 7)), [(0, 0)]) is None
+
+
+def test_mouse_looks_around_a_scene_that_is_captured_now() -> None:
+    with lfpipe.LiveScene(NAME, rows=1, cols=2, size_px=(64, 48)):
+        arguments = UpArguments(scenes=(Path(f"live:ring:{NAME}"),))
+        request = Request(config=Config(), display=Window(), source="mouse", duration_s=None)
+        assert _open_live(arguments, request).options.viewer == MouseViewer()
 
 
 def test_live_scene_names_a_value_and_its_remedy() -> None:

@@ -103,7 +103,7 @@ def test_any_error_in_the_thread_ends_the_recording_with_a_message(
     for number, level in enumerate((1, 0, 1)):
         made.add(frame(number, level))
     made.end()
-    made.join()
+    made.thread.join()
     assert made.failure == "MemoryError" and made.writer.count == 1 and not made.full
     assert not made.add(frame(9)) and made.missed == 1
 
@@ -123,7 +123,7 @@ def test_frames_without_space_are_missed_and_the_others_keep_their_order(
     assert made.full and recorder.MIN_FRAMES <= count <= recorder.MIN_FRAMES + 1
     gate.set()
     made.end()
-    made.join()
+    made.thread.join()
     sequence = open_sequence(made.folder)
     assert [packet.source_seq for packet in sequence.packets] == list(range(count))
     assert sequence.complete and made.missed == 2
