@@ -108,19 +108,19 @@ def _votes(
     back[landing[::-1]] = start[::-1]
     colour = here.ravel().astype(np.float32)
     depth = disparity_px.ravel()
-    known = reliable.ravel()
+    holds = reliable.ravel()
     meet = (
         (front >= 0)
         # px: a surface that lands on another is that much nearer
         & ((depth[front] - depth[back]) * abs(steps) > 1.5)
-        & known[front]
-        & known[back]
+        & holds[front]
+        & holds[back]
     )
     meet &= np.abs(colour[front] - colour[back]) > DIFFERENT
     front = front[meet]
     back = back[meet]
-    seen = there.ravel()[meet]
-    front_off, back_off = np.abs(colour[front] - seen), np.abs(colour[back] - seen)
+    target = there.ravel()[meet]
+    front_off, back_off = np.abs(colour[front] - target), np.abs(colour[back] - target)
     out = np.zeros(here.size, np.int32)
     np.add.at(out, front, (front_off < SAME) & (back_off > WRONG))
     np.subtract.at(out, front, (back_off < SAME) & (front_off > WRONG))
@@ -361,10 +361,12 @@ def measure_axis(view: Callable[[int], Grey], count: int) -> Axis | None:
     here = view(base)
     sides = [side for side in (1, -1) if 0 <= base + side < count]
     detail = textured(here)
-    crossed = _crossed(here, detail)
+    # where edges cross x, and where they cross y: flow along an edge is arbitrary
+    across, down = (np.abs(cv2.Sobel(here, cv2.CV_32F, *way)) for way in ((1, 0), (0, 1)))
+    crossed = [detail & (across >= down), detail & (down >= across)]
     # Motion grows with the step: choose a step with enough motion.
-    moved, seen = returned_flow(here, view(base + sides[0]))
-    near_px = float(_motion_px(moved, seen, crossed).max())
+    moved, confirmed = returned_flow(here, view(base + sides[0]))
+    near_px = float(_motion_px(moved, confirmed, crossed).max())
     step = max(
         1,
         min(
@@ -412,12 +414,6 @@ def same_way(a: Axis, b: Axis) -> float:
         ratio = float(first.mean() / second.mean())
         return math.copysign(0.9, ratio) if 0.5 < abs(ratio) < 2 else alike
     return alike
-
-
-def _crossed(picture: Grey, detail: Mask) -> list[Mask]:
-    """Where edges cross x, and where they cross y: flow along an edge is arbitrary."""
-    x, y = (np.abs(cv2.Sobel(picture, cv2.CV_32F, *way)) for way in ((1, 0), (0, 1)))
-    return [detail & (x >= y), detail & (y >= x)]
 
 
 def _motion_px(flow_px: FloatMap, confirmed: Mask, crossed: list[Mask]) -> NDArray[np.float64]:

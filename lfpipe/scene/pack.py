@@ -33,7 +33,7 @@ from lfpipe.files.safe_files import (
 from lfpipe.host.files import exists, is_dir, lock_file, lock_open, reserve
 from lfpipe.host.worker import Worker
 from lfpipe.scene.lightfield import VERSION, DisparitySource, LightField, Manifest, shown_as
-from lfpipe.scene.source import Listing, Progress, list_scene
+from lfpipe.scene.source import DEEPEST, Listing, Progress, list_scene
 
 DEMO = "still-life"  # the default demo
 DEMOS = (DEMO, "marbles", "meadow")
@@ -171,12 +171,12 @@ def open_pack(folder: Path, invert_depth: str = "auto") -> LightField:
     Raises DamagedPackError if it is missing, damaged or of another version.
     """
     with _reading(folder), contextlib.ExitStack() as undo:
-        held = hold_pack(folder)
-        undo.callback(os.close, held)
+        lock = hold_pack(folder)
+        undo.callback(os.close, lock)
         field = light_field(folder, read_manifest(folder))
         undo.pop_all()
-        # held as long as the map of the views lives
-        hold = weakref.finalize(field.views.base, os.close, held)
+        # locked as long as the map of the views lives
+        hold = weakref.finalize(field.views.base, os.close, lock)
         return shown_as(attrs.evolve(field, hold=hold), invert_depth)
 
 
@@ -213,7 +213,6 @@ def summarize(field: LightField) -> SceneSummary:
     )
 
 
-_DEEPEST = 3  # levels of folders between the given one and its pictures
 _KEY = re.compile("[0-9a-f]{24}")  # as `key_of` returns it
 
 
@@ -260,7 +259,8 @@ def key_of(path: str | os.PathLike[str], scene: config.Scene) -> str:
     digest = hashlib.blake2b(text.encode(), digest_size=12)
     listing = list_scene(path)
     digest.update(str(listing.path.resolve()).encode(errors="surrogateescape"))
-    for entry in _entries(listing, 1 if listing.pictures() else _DEEPEST):
+    # a picture may be in a folder below those that are searched for one
+    for entry in _entries(listing, 1 if listing.pictures() else DEEPEST + 1):
         with contextlib.suppress(OSError):
             state = entry.stat()
             digest.update(
@@ -339,11 +339,11 @@ def remove(folder: Path) -> bool:
     """
     root = folder.parents[1]
     # a concurrent `clean` may have removed it
-    with writing(root), contextlib.suppress(FileNotFoundError), contextlib.ExitStack() as held:
+    with writing(root), contextlib.suppress(FileNotFoundError), contextlib.ExitStack() as locks:
         for file in (root / "locks" / folder.name, folder / VIEWS):
             if (lock := lock_file(file)) is None:
                 return False
-            held.callback(lock.release)
+            locks.callback(lock.release)
         shutil.rmtree(folder)
     return True
 
@@ -363,20 +363,15 @@ def _file() -> Path:
     return Path(platformdirs.user_state_dir("lfpipe")) / "recent_scenes.json"
 
 
-def _read() -> list[Path]:
-    """The scenes of the list, without checking that they exist."""
-    try:
-        paths = json.loads(read_bytes(_file()))
-    except (OSError, ValueError):
-        return []
-    if not isinstance(paths, list):
-        return []
-    return [Path(text) for text in paths if isinstance(text, str) and "\0" not in text]
-
-
 def recent_scenes() -> list[Path]:
     """The recent scenes that still exist."""
-    return [path for path in _read() if exists(path)]
+    texts: Any = None
+    with contextlib.suppress(OSError, ValueError):
+        texts = json.loads(read_bytes(_file()))
+    if not isinstance(texts, list):
+        return []
+    paths = [Path(text) for text in texts if isinstance(text, str) and "\0" not in text]
+    return [path for path in paths if exists(path)]
 
 
 def remember_scene(path: Path) -> None:
@@ -384,12 +379,9 @@ def remember_scene(path: Path) -> None:
 
     Does nothing if the folder is not writable: the session goes on.
     """
-    _write(list(dict.fromkeys([path.resolve(), *recent_scenes()]))[:COUNT])
-
-
-def _write(paths: list[Path]) -> None:
+    paths = dict.fromkeys(map(str, [path.resolve(), *recent_scenes()]))
     with contextlib.suppress(OSError):
-        write_file(_file(), json.dumps([str(path) for path in paths]).encode())
+        write_file(_file(), json.dumps([*paths][:COUNT]).encode())
 
 
 SILENT_S = 300.0  # limit without a step: a large picture, beside busy programs or on a slow disk
@@ -478,10 +470,10 @@ def find_packed(
     paths = [named_scene(path, cache_dir(settings)) for path in paths] or [
         demo_scene(cache_dir(settings))
     ]
-    known = packed(paths[0], settings, complete=True)
+    field = packed(paths[0], settings, complete=True)
     expand = expand and any(is_dir(path) and packed(path, settings) is None for path in paths)
-    if known is not None and not expand:
-        return Opened(paths, known)
+    if field is not None and not expand:
+        return Opened(paths, field)
     return PackerRequest(scenes=paths, settings=settings, expand=expand, scorer=scorer)
 
 
@@ -518,10 +510,10 @@ def open_scene(
     progress: called from this thread. scorer: as in `PackerRequest`. Raises UserError.
     """
     paths = [] if path is None else [Path(path)]
-    found = find_packed(paths, settings, scorer=scorer, expand=False)
-    if isinstance(found, Opened):
-        return found.field
-    _, summary = pack_until_shown(found, progress, complete=True)
+    scene = find_packed(paths, settings, scorer=scorer, expand=False)
+    if isinstance(scene, Opened):
+        return scene.field
+    _, summary = pack_until_shown(scene, progress, complete=True)
     return open_pack(Path(summary.pack), settings.invert_depth)
 
 

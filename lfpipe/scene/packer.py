@@ -30,11 +30,10 @@ from lfpipe.host.files import is_dir
 from lfpipe.host.worker import Report, serve
 from lfpipe.scene import layouts
 from lfpipe.scene.analysis import AnalysedScene, analyse_scene
-from lfpipe.scene.layouts.named import DEEPEST
 from lfpipe.scene.lightfield import DisparitySource, LightField, Manifest, MethodScores
 from lfpipe.scene.pack import PackerRequest, cache_dir, open_pack, packed, remember_scene, summarize
 from lfpipe.scene.packing import Score, manifest_of, pack_scene
-from lfpipe.scene.source import SceneSource, is_picture, natural
+from lfpipe.scene.source import DEEPEST, SceneSource, is_picture, natural
 
 
 def scene_manifest(scene: AnalysedScene) -> Manifest:
@@ -81,7 +80,7 @@ def lines(manifest: Manifest, pack: str = "") -> list[str]:
     ]
     scores = ", ".join(f"{name} {value:.1f} dB" for name, value in manifest.scores.items())
     quality = f" (quality when predicting held-out views: {scores})" if scores else ""
-    told = [
+    entries = [
         (
             "depth",
             f"{manifest.bit_depth} bit, {'colour' if manifest.channels == 3 else 'grey'}{tone}",
@@ -120,7 +119,7 @@ def lines(manifest: Manifest, pack: str = "") -> list[str]:
     ]
     size = f"{manifest.rows}x{manifest.cols} views of {manifest.width}x{manifest.height} px"
     head = f"{manifest.name}: {size}, layout {manifest.layout}"
-    return [head, *(f"  {what:11} {text}" for what, text in told if text)]
+    return [head, *(f"  {what:11} {text}" for what, text in entries if text)]
 
 
 def expected_field(manifest: Manifest) -> LightField:
@@ -142,31 +141,31 @@ MAX_ENTRIES = 1000  # of a folder that is searched
 
 def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
     """The result of a request. Raises UserError."""
-    asked = converter().structure(request, PackerRequest)
-    settings = asked.settings
-    paths = [Path(text) for text in asked.scenes]
+    task = converter().structure(request, PackerRequest)
+    settings = task.settings
+    paths = [Path(text) for text in task.scenes]
     watch_files(lambda path: report(reading=str(path)))
 
     def progress(what: str, done: int, total: int) -> None:
         report(step=what, done=done, total=total)
 
     def views_ready(pack: Path) -> None:
-        if asked.shown:
+        if task.shown:
             with contextlib.suppress(OSError):
                 os.nice(15)
         report(summary=attrs.asdict(summarize(open_pack(pack, settings.invert_depth))))
 
-    paths, others = playlist(paths, settings) if asked.expand else (paths, 0)
+    paths, others = playlist(paths, settings) if task.expand else (paths, 0)
     beside = f"; other pictures, not shown: {others}" * bool(others)
     note = f"{len(paths)} scenes{beside}" * (len(paths) > 1)
-    if asked.do == "info":
+    if task.do == "info":
         manifest = scene_manifest(analyse_scene(paths[0], settings))
         return attrs.asdict(manifest) | {"notes": [*manifest.notes, *filter(None, [note])]}
     unusable = dict[str, str]()
     while True:
         report(scenes=[*map(str, paths)], note=note * bool(others))
         try:
-            field = pack_scene(paths[0], settings, _scorer(asked.scorer), progress, views_ready)
+            field = pack_scene(paths[0], settings, _scorer(task.scorer), progress, views_ready)
             break
         except UserError as error:
             unusable[str(paths[0])] = error.message.replace(str(paths[0]), paths[0].name)[:MAX_WHY]
@@ -175,7 +174,7 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
                 raise
             paths = [*paths[1:], paths[0]]
     # the demo is always available
-    if asked.remember and not paths[0].is_relative_to(cache_dir(settings)):
+    if task.remember and not paths[0].is_relative_to(cache_dir(settings)):
         remember_scene(paths[0])
     return attrs.asdict(summarize(field))
 
@@ -194,16 +193,16 @@ def playlist(paths: Iterable[Path], settings: Scene) -> tuple[list[Path], int]:
     by the light fields in it and in its folders, in order of name. Also returns the number of other
     pictures there.
 
-    A path that is neither is kept: opening it reports the error.
+    A path that is neither stays: opening it reports the error.
     """
     scenes = list[Path]()
     others = 0
     for path in paths:
-        known = None
+        field = None
         with contextlib.suppress(UserError):
-            known = packed(path, settings)
-        found, more = ([path], 0) if known is not None else _scenes_in(path, settings, DEEPEST)
-        scenes += found or [path]
+            field = packed(path, settings)
+        inside, more = ([path], 0) if field is not None else _scenes_in(path, settings, DEEPEST)
+        scenes += inside or [path]
         others += more
     return scenes, others
 
@@ -221,8 +220,8 @@ def _scenes_in(path: Path, settings: Scene, depth: int) -> tuple[list[Path], int
         if entry.name.startswith(".") or entry in used:
             continue
         if is_dir(entry):
-            found, more = _scenes_in(entry, settings, depth - 1)
-            fields, others = fields + found, others + more
+            inside, more = _scenes_in(entry, settings, depth - 1)
+            fields, others = fields + inside, others + more
         elif (source := _light_field_at(entry, settings)) is None:
             others += is_picture(entry)
         else:

@@ -205,7 +205,7 @@ def manifest_of(scene: AnalysedScene, key: str = "") -> Manifest:
     The disparity range is that of the few analysed views.
     """
     source = scene.source
-    known = scene.orientation.depth is not None
+    measured = scene.orientation.depth is not None
     path = source.path.resolve()
     return Manifest(
         complete=False,
@@ -233,7 +233,7 @@ def manifest_of(scene: AnalysedScene, key: str = "") -> Manifest:
         offsets=scene.offsets.tolist() if source.coordinates is not None else None,
         disparity=Disparity(**attrs.asdict(scene.depth)),
         notes=source.notes,
-        method=best_method({}, scene.depth.reach_px, False) if known else "nearest",
+        method=best_method({}, scene.depth.reach_px, False) if measured else "nearest",
     )
 
 
@@ -318,13 +318,13 @@ def _complete(scene: AnalysedScene, folder: Path, score: Score, progress: Progre
         if scene.rows * scene.cols > 1 and not scene.too_far_apart:
             progress("method", 0, 1)
             field = light_field(folder, manifest)
-            found = score(field)
+            measured = score(field)
             manifest = attrs.evolve(
                 manifest,
-                scores=found.psnr_db,
-                errors={name: tuple(errors) for name, errors in found.errors.items()},
+                scores=measured.psnr_db,
+                errors={name: tuple(errors) for name, errors in measured.errors.items()},
                 method=best_method(
-                    found.psnr_db,
+                    measured.psnr_db,
                     disparity.reach_px,
                     field.disparity is not None and disparity.confirmed >= CONFIRMED,
                 ),

@@ -28,6 +28,8 @@ ViewIndex = tuple[int, int]  # (row, column)
 _BEGINNING = re.compile(rb"\xff\xd8\xff|\x89PNG\r\n|GIF8|RIFF....WEBP|....ftypavi[fs]", re.DOTALL)
 # twice the files of a light field of 100x100 views
 MAX_FILES = 20_000
+# levels of folders below a folder without pictures, and of those that hold a playlist
+DEEPEST = 2
 PICTURES = (
     ".png",
     ".jpg",
@@ -151,8 +153,8 @@ def entries(folder: Path) -> tuple[list[str], list[str]]:
     """Names of files and of subfolders; without hidden ones. Raises OSError, UserError."""
     names: list[str] = []
     folders: list[str] = []
-    with os.scandir(folder) as found:
-        for entry in found:
+    with os.scandir(folder) as scan:
+        for entry in scan:
             if entry.name.startswith("."):
                 continue
             inner = False

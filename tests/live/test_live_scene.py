@@ -10,7 +10,8 @@ import lfpipe
 from lfpipe.capture.open_source import RingSource, RowSource, check_live
 from lfpipe.capture.recordings import Frame, SourceInfo
 from lfpipe.capture.spec import is_live
-from lfpipe.cli.prepare import Request, UpArguments, _open_live
+from lfpipe.cli.prepare import Request, _open_live
+from lfpipe.cli.sessions import UpArguments
 from lfpipe.config import Config
 from lfpipe.config.session_options import MouseViewer, Window
 from lfpipe.errors import UserError

@@ -53,15 +53,15 @@ def describe(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:
 
     Raises UserError if path does not exist, no layout matches, or the scene is damaged.
     """
-    known = layouts()
-    if scene.layout not in ("auto", *known):
+    by_name = layouts()
+    if scene.layout not in ("auto", *by_name):
         raise UserError(
             f"scene.layout: {scene.layout!r} is not a layout",
-            f"use one of: auto, {', '.join(known)}",
+            f"use one of: auto, {', '.join(by_name)}",
         )
     try:
         with library_errors(path):
-            source = _source_of(known, list_scene(path), scene)
+            source = _source_of(by_name, list_scene(path), scene)
     except UserError as error:  # names may hold line breaks
         raise UserError(
             error.message.replace("\n", r"\n"), error.remedy.replace("\n", r"\n")
@@ -77,12 +77,12 @@ def describe(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:
     return attrs.evolve(source, notes=tuple(note.replace("\n", r"\n") for note in source.notes))
 
 
-def _source_of(known: dict[str, Layout], given: Listing, scene: config.Scene) -> SceneSource:
+def _source_of(by_name: dict[str, Layout], given: Listing, scene: config.Scene) -> SceneSource:
     """The scene by the most specific layout that matches, else the pictures in subfolders.
 
     Raises UserError.
     """
-    tries = list(known.values()) if scene.layout == "auto" else [known[scene.layout]]
+    tries = list(by_name.values()) if scene.layout == "auto" else [by_name[scene.layout]]
     listing = given
     mark, layout = _match(tries, given)
     # 10: a layout of last resort; pictures in subfolders take precedence
@@ -91,9 +91,9 @@ def _source_of(known: dict[str, Layout], given: Listing, scene: config.Scene) ->
         listing = inner
         mark, layout = _match(tries, inner)
     if scene.layout != "auto":
-        layout = known[scene.layout]
-    elif layout is known["picture"] and math.prod(parse_grid(scene.grid) or (1,)) > 1:
-        layout = known["mosaic"]
+        layout = by_name[scene.layout]
+    elif layout is by_name["picture"] and math.prod(parse_grid(scene.grid) or (1,)) > 1:
+        layout = by_name["mosaic"]
     if layout is None:
         raise _not_recognised(listing)
     with blaming([(LAYOUTS, layout.NAME)]):

@@ -27,7 +27,7 @@ from lfpipe.scene.layouts._likeness import (
     plane_of,
 )
 from lfpipe.scene.layouts._names import MAX_SIDE, NumberedNames, is_map, placed, read_names, spaced
-from lfpipe.scene.layouts._stated import taken
+from lfpipe.scene.layouts._stated import time_of_photograph
 from lfpipe.scene.optical_flow import LOOK_PX
 from lfpipe.scene.source import MAX_FILES, VIDEOS, GridTransform, Listing, SceneSource, ViewIndex
 
@@ -228,7 +228,11 @@ def _laid_out(
         raise misfit(str(listing.path), max(names) + 1, grid)
     note = ""
     if not grid and (run.rows == 1 or run.doubt):
-        times = {name: time for name in names.values() if (time := taken(listing.file(name)))}
+        times = {
+            name: time
+            for name in names.values()
+            if (time := time_of_photograph(listing.file(name)))
+        }
         by_time = sorted(names.values(), key=lambda name: times.get(name, ""))
         if len(times) == len(names) and by_time != list(names.values()):
             names = dict(enumerate(by_time))
@@ -471,8 +475,8 @@ def tiling(
     height, width = picture.shape[:2]
     named = QUILT_NAME.search(path.stem) if quilt else None
     grid = parse_grid(scene.grid) or ((int(named[2]), int(named[1])) if named else None)
-    found = None if quilt and grid else find_tiles(picture, f"{path.parent.name}/{path.stem}")
-    tiles = found and Tiling.even(picture, *found)
+    shape = None if quilt and grid else find_tiles(picture, f"{path.parent.name}/{path.stem}")
+    tiles = shape and Tiling.even(picture, *shape)
     if grid is not None and (tiles is None or tiles.shape != grid):
         rows, cols = grid
         if min(height // rows, width // cols) < MIN_VIEW_PX:

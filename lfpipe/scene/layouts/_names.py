@@ -94,21 +94,21 @@ def side_of(name: str) -> tuple[str, bool] | None:
     words come before letters; if both sides are in it, the last one counts.
     """
     text = words(name)
-    found = [*EYES.finditer(text)] or [*_EYE_LETTERS.finditer(text)][-1:]
-    if not found:
+    sides = [*EYES.finditer(text)] or [*_EYE_LETTERS.finditer(text)][-1:]
+    if not sides:
         return None
-    side = found[-1][0]
-    for match in reversed(found):
-        if match[0] == side and (match is found[-1] or len({one[0] for one in found}) == 1):
+    side = sides[-1][0]
+    for match in reversed(sides):
+        if match[0] == side and (match is sides[-1] or len({one[0] for one in sides}) == 1):
             text = f"{text[: match.start()]}*{text[match.end() :]}"
     return without(text), side.startswith("l")
 
 
 def camera_of(folder: str) -> list[tuple[str, int]]:
     """The word and the number of a folder of one of several cameras; [] of another one."""
-    found = _CAMERA.search(words(folder))
-    word, _, number = found[0].rpartition(" ") if found else ("", "", "")
-    return [(word, int(number))] if found else []
+    match = _CAMERA.search(words(folder))
+    word, _, number = match[0].rpartition(" ") if match else ("", "", "")
+    return [(word, int(number))] if match else []
 
 
 def eye_pairs(names: Sequence[str]) -> list[tuple[str, str]]:
@@ -145,9 +145,9 @@ def pairs(names: Sequence[str]) -> list[tuple[str, str]]:
     for name in names:
         key = without(words(name), COLOUR, RECORDED, DEPTH, INVERSE)
         (maps if DEPTH.search(words(name)) else firsts).setdefault(key, name)
-    found = [(name, maps[key]) for key, name in firsts.items() if key in maps]
-    if found or not all("/" in name for name in names):
-        return found
+    equal = [(name, maps[key]) for key, name in firsts.items() if key in maps]
+    if equal or not all("/" in name for name in names):
+        return equal
     times = {float(key.replace(" ", ".")): name for key, name in maps.items() if _TIME.match(key)}
     return [
         (name, times[min(times, key=lambda time: abs(time - float(key.replace(" ", "."))))])
@@ -260,9 +260,9 @@ def _families(stems: dict[str, str]) -> Iterator[tuple[tuple[float, float], Numb
                 continue
             maps = bool(MAPS.search(words(next(iter(family)))))
             columns = [_column(texts) for texts in zip(*family.values(), strict=True)]
-            for found, share in _readings(list(family), columns):
-                weight = (_RUN if found.runs else 1) / (1 + maps)
-                yield (len(found.views) * weight, share), found
+            for reading, share in _readings(list(family), columns):
+                weight = (_RUN if reading.runs else 1) / (1 + maps)
+                yield (len(reading.views) * weight, share), reading
 
 
 @lru_cache(maxsize=4)
@@ -270,5 +270,5 @@ def read_names(names: tuple[str, ...]) -> NumberedNames | None:
     """The meaning of the numbers in most of these names; None if no two names differ in numbers
     alone.
     """
-    found = list(_families({name: stem_of(name) for name in names}))
-    return max(found, key=lambda one: one[0])[1] if found else None
+    readings = _families({name: stem_of(name) for name in names})
+    return max(readings, key=lambda one: one[0], default=(None, None))[1]

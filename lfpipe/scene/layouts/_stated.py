@@ -68,7 +68,7 @@ class Halves:
     note: str = ""
 
 
-def taken(path: Path) -> str:
+def time_of_photograph(path: Path) -> str:
     """When a photograph was taken, as its EXIF states it; "" if unknown."""
     with (
         contextlib.suppress(Exception),  # of any parser
@@ -227,15 +227,17 @@ def contained(path: Path) -> Halves | None:
     start, end = film_ends(path)
     if start.startswith(b"\x1aE"):
         modes = [m[1][0] for m in _STEREO_MODE.finditer(start.partition(_CLUSTER)[0])]
-        found = next((_MATROSKA[mode] for mode in modes if mode in _MATROSKA), None)
+        stated = next((_MATROSKA[mode] for mode in modes if mode in _MATROSKA), None)
     elif is_spatial(path):
         flags = _STRI.search(start + end)
         crossed = flags is not None and bool(flags[1][0] & _REVERSED_EYES)
         return Halves(streams=True, crossed=crossed, why=_why("its container", crossed))
     else:
         boxes = [_BOXED.get(match[1][0]) for match in _ST3D.finditer(start + end)]
-        found = next(filter(None, boxes), None)
-    return found and Halves(form=found[0], crossed=found[1], why=_why("its container", found[1]))
+        stated = next(filter(None, boxes), None)
+    return stated and Halves(
+        form=stated[0], crossed=stated[1], why=_why("its container", stated[1])
+    )
 
 
 def _why(what: str, crossed: bool) -> str:

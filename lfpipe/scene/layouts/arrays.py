@@ -99,11 +99,6 @@ def without_dark_sides(source: SceneSource) -> SceneSource:
     )
 
 
-def _detect_eslf(listing: Listing) -> int | None:
-    path = single_picture(listing)
-    return 90 if path is not None and ESLF.search(words(path.name)) else None
-
-
 def _describe_eslf(listing: Listing, scene: config.Scene) -> SceneSource:
     path = require_picture(listing)
     picture, full = read_picture(path)
@@ -226,12 +221,12 @@ def _numpy_arrays(path: Path) -> Mapping[str, NDArray[Any]]:
         open_file(path).close()  # which is opened by its path to be mapped
         if path.suffix.lower() == ".npy":
             return {VIEWS: np.load(path, mmap_mode="r", allow_pickle=False)}
-        with np.load(path, allow_pickle=False) as held:
-            names = [name for name in (VIEWS, DISPARITY, POSITIONS) if name in held.files]
-            names = names or held.files[:1] * (len(held.files) == 1)
+        with np.load(path, allow_pickle=False) as archive:
+            names = [name for name in (VIEWS, DISPARITY, POSITIONS) if name in archive.files]
+            names = names or archive.files[:1] * (len(archive.files) == 1)
             return {
                 # a member that is not an array is returned as bytes
-                name if name in (DISPARITY, POSITIONS) else VIEWS: np.asarray(held[name])
+                name if name in (DISPARITY, POSITIONS) else VIEWS: np.asarray(archive[name])
                 for name in names
             }
 
@@ -425,14 +420,14 @@ def _matlab_source(listing: Listing, path: Path) -> SceneSource:
 
 
 def disparity_of_depth(
-    depth: NDArray[np.float32], known: Mapping[str, float]
+    depth: NDArray[np.float32], camera: Mapping[str, float]
 ) -> NDArray[np.float32]:
     """Disparity in px per view from depth as the first HCI data set has it:
     dH * focalLength / depth - shift.
     """
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        unit = np.float32(known.get("dH", 0.0) * known.get("focalLength", 0.0))
-        return np.asarray(unit / depth - np.float32(known.get("shift", 0.0)), np.float32)
+        unit = np.float32(camera.get("dH", 0.0) * camera.get("focalLength", 0.0))
+        return np.asarray(unit / depth - np.float32(camera.get("shift", 0.0)), np.float32)
 
 
 def _hci_old_source(listing: Listing, path: Path) -> SceneSource:
@@ -447,15 +442,20 @@ def _hci_old_source(listing: Listing, path: Path) -> SceneSource:
             and (stored := file.attrs.get_id(name)).dtype.kind in "uif"
             and stored.shape in ((), (1,))
         }
-    known = {name: value for name, value in values.items() if abs(value) <= LARGEST}
+    camera = {name: value for name, value in values.items() if abs(value) <= LARGEST}
     depth = _hdf5_array(path, file, "GT_DEPTH")
     if not values:  # written by another program
         return source
     truth = {}
     shape = source.rows, source.cols, source.height_px, source.width_px
-    if depth is not None and depth.shape == shape and known.get("dH") and known.get("focalLength"):
+    if (
+        depth is not None
+        and depth.shape == shape
+        and camera.get("dH")
+        and camera.get("focalLength")
+    ):
         truth = {
-            place: lambda at=place: disparity_of_depth(depth[at].astype(np.float32), known)
+            place: lambda at=place: disparity_of_depth(depth[at].astype(np.float32), camera)
             for place in source.places
         }
     return attrs.evolve(
@@ -496,5 +496,11 @@ LAYOUTS = (
     _layout("array", (".npy", ".npz"), _numpy_source),
     _layout("mat", (".mat",), _matlab_source),
     _layout("hci-old", (".h5", ".hdf5"), _hci_old_source),
-    Layout("eslf", _detect_eslf, _describe_eslf),
+    Layout(
+        "eslf",
+        lambda listing: (
+            90 if (path := single_picture(listing)) and ESLF.search(words(path.name)) else None
+        ),
+        _describe_eslf,
+    ),
 )

@@ -54,6 +54,7 @@ from lfpipe.scene.layouts._names import (
 )
 from lfpipe.scene.layouts.arrays import LARGEST
 from lfpipe.scene.source import (
+    DEEPEST,
     MAX_FILES,
     Geometry,
     GridTransform,
@@ -68,8 +69,6 @@ from lfpipe.scene.source import (
 )
 
 MOST_CAMERAS = 4  # that recorded side by side, of which two are a pair; more are a row
-# levels of folders below a folder without pictures, and of those that hold a playlist
-DEEPEST = 2
 
 
 def inner_listing(listing: Listing, deepest: int = DEEPEST) -> Listing | None:
@@ -108,25 +107,25 @@ def inner_listing(listing: Listing, deepest: int = DEEPEST) -> Listing | None:
 
 def subfolders(listing: Listing) -> dict[str, Listing]:
     """The readable subfolders, by name."""
-    found = {}
+    readable = {}
     for name in () if listing.is_file else listing.folders:
         with contextlib.suppress(UserError):
-            found[name] = list_scene(listing.file(name))
-    return found
+            readable[name] = list_scene(listing.file(name))
+    return readable
 
 
 def _with_pictures(listing: Listing, deepest: int = DEEPEST) -> dict[str, Listing]:
     """The subfolders with pictures, by name; one without pictures is replaced by the only one in it
     that has some: cam0/data beside cam0/sensor.yaml.
     """
-    found = {}
+    folders = {}
     for name, one in subfolders(listing).items():
         below = {} if one.pictures() or not deepest else _with_pictures(one, deepest - 1)
         if one.pictures():
-            found[name] = one
+            folders[name] = one
         elif len(below) == 1:
-            found |= {f"{name}/{path}": inner for path, inner in below.items()}
-    return found
+            folders |= {f"{name}/{path}": inner for path, inner in below.items()}
+    return folders
 
 
 def paired(inner: Mapping[str, Listing]) -> list[str]:
@@ -143,8 +142,8 @@ def paired(inner: Mapping[str, Listing]) -> list[str]:
         and inner[name].names == inner[cameras[word, number + 1]].names
     ]
     row = len(cameras) > MOST_CAMERAS and len({word for word, _ in cameras}) == 1
-    found = [*eye_pairs(pictures), *([] if row else beside), *pairs([*inner])]
-    return list(found[0]) if found else []
+    candidates = [*eye_pairs(pictures), *([] if row else beside), *pairs([*inner])]
+    return list(candidates[0]) if candidates else []
 
 
 def _are_parts(inner: dict[str, Listing]) -> bool:
@@ -161,11 +160,11 @@ def _are_parts(inner: dict[str, Listing]) -> bool:
 
 def note_of(given: Listing, inner: Listing) -> str:
     """A note of the used and unused pictures of a folder; "" if all are used."""
-    used = {inner.path.relative_to(given.path).as_posix()} if inner.path != given.path else set()
-    kept = used or {name.rpartition("/")[0] for name in inner.names}
-    others = given.pictures() + [f"{name}/" for name in _with_pictures(given) if name not in kept]
-    taken = [f"the pictures are those of {name}" for name in used]
-    return "; ".join(taken + [f"not used: {some(others)}"] * bool(others))
+    only = {inner.path.relative_to(given.path).as_posix()} if inner.path != given.path else set()
+    used = only or {name.rpartition("/")[0] for name in inner.names}
+    others = given.pictures() + [f"{name}/" for name in _with_pictures(given) if name not in used]
+    notes = [f"the pictures are those of {name}" for name in only]
+    return "; ".join(notes + [f"not used: {some(others)}"] * bool(others))
 
 
 _NUMBER, _PICTURE = r"(-?\d+(?:\.\d+)?(?:e[+-]?\d+)?)", r"\.(?:png|jpe?g|ppm)"
@@ -301,7 +300,7 @@ def _poses(listing: Listing) -> dict[str, NDArray[np.float64]]:
     """Camera-to-world matrices (3, 4) by the path that the files state, without entries that are
     none. Raises UserError for a file that is no list of poses.
     """
-    found: dict[str, NDArray[np.float64]] = {}
+    poses: dict[str, NDArray[np.float64]] = {}
     for file in pose_files(listing):
         fields = json_fields(read_bytes(listing.file(file), _MAX_BYTES), file, _REMEDY)
         if not isinstance(frames := fields.values.get("frames"), list):
@@ -310,11 +309,11 @@ def _poses(listing: Listing) -> dict[str, NDArray[np.float64]]:
             with contextlib.suppress(KeyError, TypeError, ValueError, AttributeError):
                 matrix = np.array(frame["transform_matrix"], np.float64)[:3].reshape(3, 4)
                 if np.abs(matrix).max() < LARGEST:
-                    found[frame["file_path"].replace("\\", "/")] = matrix
-    return found
+                    poses[frame["file_path"].replace("\\", "/")] = matrix
+    return poses
 
 
-def _below(listing: Listing, deepest: int = 2) -> Iterator[str]:
+def _below(listing: Listing, deepest: int = DEEPEST) -> Iterator[str]:
     """The names of pictures, with their folders."""
     yield from listing.pictures()
     for folder, inner in subfolders(listing).items() if deepest else ():
@@ -328,7 +327,7 @@ def _pictures(listing: Listing, stated: Iterable[str]) -> dict[str, str]:
     by_stem: dict[str, list[str]] = {}
     for name in _below(listing):
         by_stem.setdefault(stem_of(name.rpartition("/")[2]).lower(), []).append(name)
-    found = {}
+    paths = {}
     for path in stated:
         *folders, last = path.split("/")
 
@@ -340,12 +339,12 @@ def _pictures(listing: Listing, stated: Iterable[str]) -> dict[str, str]:
             return same, not is_map(name), name.endswith(last)
 
         if names := by_stem.get(stem_of(last).lower()):
-            found[max(names, key=alike)] = path
-    return found
+            paths[max(names, key=alike)] = path
+    return paths
 
 
 @lru_cache(maxsize=2)
-def _places(listing: Listing) -> tuple[dict[str, ViewIndex], NDArray[np.float64], str]:
+def _cameras(listing: Listing) -> tuple[dict[str, ViewIndex], NDArray[np.float64], str]:
     """(grid index, position (down, right)) of each camera, and why there are none, "" if there are
     some: they form neither a line nor a grid, or look in different directions.
     """
@@ -389,16 +388,12 @@ def _steps(values: NDArray[np.float64], extent: float) -> NDArray[np.intp]:
 def unused_poses(listing: Listing) -> list[str]:
     """A note of why a folder's poses are not used; [] if it has none."""
     files = pose_files(listing)
-    why = _places(listing)[2] if files else ""
+    why = _cameras(listing)[2] if files else ""
     return [f"{files[0]} is not used: {why}"] if why else []
 
 
-def _detect_poses(listing: Listing) -> int | None:
-    return 85 if pose_files(listing) and _places(listing)[0] else None
-
-
 def _describe_poses(listing: Listing, scene: config.Scene) -> SceneSource:
-    places, at, why = _places(listing)
+    places, at, why = _cameras(listing)
     if not places:
         raise UserError(
             f"{listing.path}: no transforms.json with cameras along a line or over a grid: {why}",
@@ -437,5 +432,9 @@ LAYOUTS = (
         partial(_detect_numbers, True, 40),
         partial(describe_views, "numbered", runs=True),
     ),
-    Layout("poses", _detect_poses, _describe_poses),
+    Layout(
+        "poses",
+        lambda listing: 85 if pose_files(listing) and _cameras(listing)[0] else None,
+        _describe_poses,
+    ),
 )

@@ -82,19 +82,23 @@ def read_depth(
     with np.errstate(over="ignore"):
         values = stored.astype(np.float32)
     values[~np.isfinite(values)] = np.nan
-    known = np.where(values > 0, values, np.float32(np.nan))
+    measured = np.where(values > 0, values, np.float32(np.nan))
     if by_format:
         return values, "white is near", ""
     if INVERSE.search(words(name)):
-        return known, "white is near", ""
+        return measured, "white is near", ""
     if stored.dtype.itemsize > 1 and not _stretched(stored):
         if stored.dtype.kind != "f":
-            known[stored == _full(stored)] = np.nan
-        near = np.asarray(1 / known, np.float32)
+            measured[stored == _full(stored)] = np.nan
+        near = np.asarray(1 / measured, np.float32)
         against = _lower_is_nearer(near) < -LOWER
         if against and stored.dtype.kind == "f":  # as networks write it
             doubt = f"whether near is large in the depth map, as lower parts are; {_LEFT_OPEN}"
-            return known, "near is large in the depth map: lower parts have larger values", doubt
+            return (
+                measured,
+                "near is large in the depth map: lower parts have larger values",
+                doubt,
+            )
         doubt = "whether the depth map contains distances: lower parts would be farther"
         return (
             near,
@@ -103,11 +107,11 @@ def read_depth(
         )
     for hole in (0, _full(stored)):
         if _scattered(stored == hole):
-            values = known = np.where(stored == hole, np.float32(np.nan), known)
+            values = measured = np.where(stored == hole, np.float32(np.nan), measured)
     lower = _lower_is_nearer(values)
     if lower < -LOWER:
         what = f"whether black is near in the depth map: lower parts are darker; {_LEFT_OPEN}"
-        return -known, "black is near: lower parts of the depth map are darker", what
+        return -measured, "black is near: lower parts of the depth map are darker", what
     doubt = f"whether white is near in the depth map; {_LEFT_OPEN}"
     return values, "white is near", "" if lower > LOWER else doubt
 
@@ -156,15 +160,15 @@ def _pairs(listing: Listing) -> list[tuple[str, str]]:
     others = [name for name in names if not is_map(name)]
     if len(others) == len(maps) == 1:
         return [(others[0], maps[0])]
-    found = [] if listing.is_file else pairs(names)
-    counted = read_names(tuple(first for first, _ in found)) if len(found) > 1 else None
+    both = [] if listing.is_file else pairs(names)
+    counted = read_names(tuple(first for first, _ in both)) if len(both) > 1 else None
     recorded = counted is None or (
         counted.runs
         and all(
-            RECORDED.search(words(first)) or not VIEWS.search(words(first)) for first, _ in found
+            RECORDED.search(words(first)) or not VIEWS.search(words(first)) for first, _ in both
         )
     )
-    return found if recorded else []
+    return both if recorded else []
 
 
 def read_map(path: Path) -> NDArray[Any]:
@@ -238,11 +242,11 @@ def detect(listing: Listing) -> int | None:
 
 def _read(listing: Listing) -> _Photo:
     """Raises UserError."""
-    if found := _pairs(listing):
-        paths = tuple(listing.file(name) for name in found[0])
+    if recorded := _pairs(listing):
+        paths = tuple(listing.file(name) for name in recorded[0])
         picture, full = read_picture(paths[0])
-        near, why, doubt = read_depth(read_map(paths[1]), found[0][1])
-        if len(found) > 1:
+        near, why, doubt = read_depth(read_map(paths[1]), recorded[0][1])
+        if len(recorded) > 1:
             doubt = "; ".join(filter(None, (_FRAMES, doubt)))
         return _Photo(paths=paths, picture=picture, full=full, nearness=near, why=why, doubt=doubt)
     path = require_picture(listing)
@@ -280,9 +284,9 @@ def _disparity(photo: _Photo, height: int, width: int) -> NDArray[np.float32]:
         near = np.asarray(
             cv2.resize(near, (width, height), interpolation=cv2.INTER_NEAREST), np.float32
         )
-    known = np.isfinite(near)
+    finite = np.isfinite(near)
     low, high = (
-        (float(v) for v in np.percentile(near[known], (1, 99))) if known.any() else (0.0, 0.0)
+        (float(v) for v in np.percentile(near[finite], (1, 99))) if finite.any() else (0.0, 0.0)
     )
     if not high > low:
         raise UserError(
@@ -290,8 +294,8 @@ def _disparity(photo: _Photo, height: int, width: int) -> NDArray[np.float32]:
             "use one in which near and far differ",
         )
     share = np.clip((near - np.float32(low)) / np.float32(high - low), 0, 1)
-    if not known.all():  # a pixel without depth is as near as the nearest one with it
-        share = share.ravel()[nearest(known)]
+    if not finite.all():  # a pixel without depth is as near as the nearest one with it
+        share = share.ravel()[nearest(finite)]
     share = cv2.resize(share, (width, height), interpolation=cv2.INTER_LINEAR)
     return np.asarray((share - np.float32(0.5)) * np.float32(DISPARITY * width), np.float32)
 
