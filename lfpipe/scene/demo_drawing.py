@@ -44,7 +44,7 @@ class Quad:
         """For views of another size."""
         return attrs.evolve(self, corners=self.corners * scale)
 
-    def seen(self, u: float, v: float, size_px: int) -> tuple[Window, Picture, Floats]:
+    def projected(self, u: float, v: float, size_px: int) -> tuple[Window, Picture, Floats]:
         """The window of a view that the quad covers; there its colours, pre-multiplied RGBA, and
         its disparity.
         """
@@ -88,8 +88,8 @@ class Ball:
         lengths = {name: getattr(self, name) * scale for name in ("x", "y", "d", "radius", "depth")}
         return attrs.evolve(self, **lengths)
 
-    def seen(self, u: float, v: float, size_px: int) -> tuple[Window, Picture, Floats]:
-        """As `Quad.seen`.
+    def projected(self, u: float, v: float, size_px: int) -> tuple[Window, Picture, Floats]:
+        """As `Quad.projected`.
 
         The nearest point on the ray of pixel (x, y) is the larger solution d of
         ((x + d u - X)/R)^2 + ((y + d v - Y)/R)^2 + ((d - D)/depth)^2 = 1.
@@ -142,7 +142,7 @@ def draw_view(
     picture = np.zeros((size_px, size_px, 3), np.uint8)
     disparity = np.full((size_px, size_px), np.nan, np.float32)
     for solid in solids:
-        window, colour, depth = solid.seen(u, v, size_px)
+        window, colour, depth = solid.projected(u, v, size_px)
         alpha = colour[..., 3]
         below = cv2.multiply(picture[window], cv2.merge([255 - alpha] * 3), scale=1 / 255)
         picture[window] = cv2.add(below, cv2.cvtColor(colour, cv2.COLOR_RGBA2RGB))

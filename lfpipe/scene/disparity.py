@@ -108,12 +108,17 @@ def view_disparity(here: Grey, neighbours: Neighbours) -> FloatMap:
                 - shift[..., 1] * np.float32(d_row / square)
             )
             errors.append(mismatch(here, neighbour, maps[-1], d_row, d_col))
-        start = _weighted_mean(neighbours, maps, errors, energies)
+        weights = [
+            np.asarray(share * (np.maximum(energy, 0) + np.float32(ENERGY_FLOOR)), np.float32)
+            for share, energy in zip(_match_weights(errors), energies, strict=False)
+        ]
+        weighted = [weight * one for weight, one in zip(weights, maps, strict=True)]
+        used = neighbours[: len(maps)]
+        start = _total(used, weighted) / _total(used, weights)
     assert start is not None
-    joint = start
     for _ in range(ROUNDS):
-        joint = refined(here, neighbours, joint)
-    return np.asarray(cv2.medianBlur(joint, MEDIAN_PX), np.float32)
+        start = refined(here, neighbours, start)
+    return np.asarray(cv2.medianBlur(start, MEDIAN_PX), np.float32)
 
 
 def _line(neighbour: tuple[Grey, float, float]) -> int:
@@ -142,22 +147,6 @@ def gradient_energies(here: Grey, neighbours: Neighbours) -> list[FloatMap]:
             + yy * np.float32(d_row * d_row / square)
         )
     return energies
-
-
-def _weighted_mean(
-    neighbours: Neighbours,
-    maps: list[FloatMap],
-    errors: list[FloatMap],
-    energies: list[FloatMap],
-) -> FloatMap:
-    """The mean of the maps of the first neighbours, weighted by match and by gradient energy."""
-    used = neighbours[: len(maps)]
-    weights = [
-        np.asarray(share * (np.maximum(energy, 0) + np.float32(ENERGY_FLOOR)), np.float32)
-        for share, energy in zip(_match_weights(errors), energies, strict=False)
-    ]
-    weighted = [weight * one for weight, one in zip(weights, maps, strict=True)]
-    return _total(used, weighted) / _total(used, weights)
 
 
 def _total(neighbours: Neighbours, values: list[FloatMap]) -> FloatMap:
@@ -189,13 +178,13 @@ def refined(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> Float
     own = here.astype(np.float32)
     wrongs, slopes, errors = list[FloatMap](), list[FloatMap](), list[FloatMap]()
     for neighbour, d_row, d_col in neighbours:
-        seen, outside = sampled(
+        warped, outside = sampled(
             neighbour.astype(np.float32), disparity_px, d_row, d_col, cv2.INTER_CUBIC
         )
-        across, down = cv2.Scharr(seen, cv2.CV_32F, 1, 0), cv2.Scharr(seen, cv2.CV_32F, 0, 1)
+        across, down = cv2.Scharr(warped, cv2.CV_32F, 1, 0), cv2.Scharr(warped, cv2.CV_32F, 0, 1)
         slope = -cv2.addWeighted(across, d_col / 32, down, d_row / 32, 0.0)
         slope[outside] = 0
-        wrong = np.asarray(seen - own, np.float32)
+        wrong = np.asarray(warped - own, np.float32)
         wrongs.append(wrong)
         slopes.append(np.asarray(slope, np.float32))
         errors.append(np.asarray(cv2.blur(np.abs(wrong), _BOX), np.float32))
@@ -234,7 +223,7 @@ def unexplained(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> N
         blind = energy < telling_energy  # an edge along the baseline matches at any disparity
         other = neighbour.astype(np.float32)
 
-        def seen(
+        def view_at(
             picture: FloatMap, steps: float, how: int, d_row: float = d_row, d_col: float = d_col
         ) -> FloatMap:
             """picture as seen steps of the way to the neighbour; NaN outside it."""
@@ -243,13 +232,15 @@ def unexplained(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> N
             return np.asarray(values, np.float32)
 
         same = np.square(other - own)
-        moved = np.square(seen(other, 1.0, cv2.INTER_LINEAR) - own)
+        moved = np.square(view_at(other, 1.0, cv2.INTER_LINEAR) - own)
         along.append(_windows(np.where(np.isnan(moved), same, moved)))
         still.append(_windows(same))
         along[-1][blind] = still[-1][blind] = np.inf
-        sharp = seen(own, -0.5, cv2.INTER_CUBIC), seen(other, 0.5, cv2.INTER_CUBIC)
+        sharp = view_at(own, -0.5, cv2.INTER_CUBIC), view_at(other, 0.5, cv2.INTER_CUBIC)
         mean = (sharp[0] + sharp[1]) / 2
-        blur = (seen(own, -0.5, cv2.INTER_LINEAR) + seen(other, 0.5, cv2.INTER_LINEAR)) / 2 - mean
+        blur = (
+            view_at(own, -0.5, cv2.INTER_LINEAR) + view_at(other, 0.5, cv2.INTER_LINEAR)
+        ) / 2 - mean
         warped = DISAGREEMENT * np.square(sharp[0] - sharp[1]) + np.square(blur)
         faded = np.square((own + other) / 2 - mean)
         worse.append(
@@ -320,15 +311,6 @@ def halved(disparity_px: FloatMap) -> FloatMap:
     )
 
 
-def neighbour_indices(row: int, col: int, rows: int, cols: int) -> list[tuple[int, int]]:
-    """The up to four neighbours of a grid index; with fewer than four, the diagonal ones too: at
-    the edge and in small grids, they see parts that the others do not.
-    """
-    steps = [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)]
-    inside = [(row + r, col + c) for r, c in steps if 0 <= row + r < rows and 0 <= col + c < cols]
-    return inside[:4] if len(inside) == 8 else inside
-
-
 def neighbours_of(
     grey: Callable[[int, int], Grey],
     row: int,
@@ -336,12 +318,16 @@ def neighbours_of(
     present: NDArray[np.bool_],
     offsets: NDArray[np.float32],
 ) -> Neighbours:
-    """The present neighbours of a view.
+    """The present ones of up to four neighbours of a view; with fewer than four, of the diagonal
+    ones too: at the edge and in small grids, they see parts that the others do not.
 
     grey(row, col): a view, uint8 (h, w); present and offsets as in LightField.
     """
+    rows, cols = present.shape
+    steps = [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)]
+    inside = [(row + r, col + c) for r, c in steps if 0 <= row + r < rows and 0 <= col + c < cols]
     neighbours: Neighbours = []
-    for r, c in neighbour_indices(row, col, *present.shape):
+    for r, c in inside[:4] if len(inside) == 8 else inside:
         if present[r, c]:
             d_row, d_col = (
                 float(v)
@@ -408,8 +394,8 @@ def border_range(disparity_px: FloatMap) -> tuple[float, float]:
     """
     width = max(1, round(BORDER * disparity_px.shape[-1]))
     values = np.concatenate((disparity_px[..., :width], disparity_px[..., -width:]), axis=None)
-    known = values[np.isfinite(values)]
-    low, high = np.percentile(known, (EXTREME, 100 - EXTREME)) if len(known) else (0.0, 0.0)
+    finite = values[np.isfinite(values)]
+    low, high = np.percentile(finite, (EXTREME, 100 - EXTREME)) if len(finite) else (0.0, 0.0)
     return round(float(low), 4), round(float(high), 4)
 
 
