@@ -440,7 +440,7 @@ def _sequence(path: Path) -> Recording:
         sequence.size_px,
         sequence.measured_hz,
         live=False,
-        jpeg=sequence.codecs == {"jpeg"},
+        jpeg=sequence.packets.codecs == {"jpeg"},
         eyes=str(path.resolve()) if sequence.holds_eyes else "",
         notes=tuple(notes),
     )

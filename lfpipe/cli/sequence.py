@@ -136,7 +136,7 @@ def _info(path: Path, as_json: bool) -> None:
         "rate_hz": round(recorded.measured_hz, 4),
         "width_px": recorded.width_px,
         "height_px": recorded.height_px,
-        "codecs": sorted(recorded.codecs),
+        "codecs": sorted(recorded.packets.codecs),
         "bytes": sum(packet.bytes for packet in recorded.packets),
         "complete": recorded.complete,
         "truth": exists(recorded.path / TRUTH),

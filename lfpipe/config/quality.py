@@ -67,10 +67,10 @@ def drawing_levels(
     errors: by method, in grey levels at each of SIZES; without the method's, its sizes alone are
     levels. costs: CPU time for each drawn pixel by method, ns.
     """
-    known = errors if method in errors else {method: [1 - size for size in SIZES]}
+    by_method = errors if method in errors else {method: [1 - size for size in SIZES]}
     points = [
         DrawingLevel(name, size, error, costs[name] * size**2)
-        for name, sized in known.items()
+        for name, sized in by_method.items()
         for size, error in zip(SIZES, sized, strict=True)
         if name in costs
     ]

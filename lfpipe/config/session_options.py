@@ -9,7 +9,7 @@ message).
 import functools
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self, get_origin
+from typing import TYPE_CHECKING, Any, Literal, Self, cast, get_origin
 
 import attrs
 
@@ -390,10 +390,6 @@ class Snapshot:
     paused: bool
 
 
-def _is_literal(kind: Any) -> bool:
-    return get_origin(kind) is Literal
-
-
 @functools.cache
 def converter() -> "BaseConverter":
     """Turns configuration and options into plain values for messages and files, and back,
@@ -403,10 +399,12 @@ def converter() -> "BaseConverter":
     from cattrs.preconf.msgpack import configure_converter
     from cattrs.strategies import configure_tagged_union
 
-    made = BaseConverter(detailed_validation=False)
-    configure_converter(made)
+    plain = BaseConverter(detailed_validation=False)
+    configure_converter(plain)
     # a plug-in's name is no word of the key's
-    made.register_structure_hook_func(_is_literal, lambda value, _: value)
+    plain.register_structure_hook_func(
+        lambda kind: get_origin(cast(Any, kind)) is Literal, lambda value, _: value
+    )
     for union in (Viewer, Clock, Target):
-        configure_tagged_union(union, made)
-    return made
+        configure_tagged_union(union, plain)
+    return plain

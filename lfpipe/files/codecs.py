@@ -63,11 +63,11 @@ def codec_name(number: int, file: IO[bytes]) -> str:
     if number > 0:
         return plain(number.to_bytes(4, "little").decode("latin-1").strip("\0 "))
     file.seek(0)
-    found = _CODEC.search(file.read(ENDS_BYTES))
-    if found is None:
+    match = _CODEC.search(file.read(ENDS_BYTES))
+    if match is None:
         file.seek(max(0, file.seek(0, os.SEEK_END) - ENDS_BYTES))
-        found = _CODEC.search(file.read())
-    return "unknown" if found is None else (found[1] or found[2]).decode()
+        match = _CODEC.search(file.read())
+    return "unknown" if match is None else (match[1] or match[2]).decode()
 
 
 def is_jpeg(data: NDArray[np.uint8]) -> bool:

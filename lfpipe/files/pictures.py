@@ -136,9 +136,9 @@ def _indexed_views(image: Any) -> tuple[tuple[int, ...], bool]:
     """
     kinds = [entry["Attribute"]["MPType"] for entry in image.mpinfo[_MP_ENTRIES]]
     stated = [at for at, kind in enumerate(kinds) if "Disparity" in kind]
-    found = stated or [at for at, kind in enumerate(kinds) if "Undefined" in kind or at == 0]
+    candidates = stated or [at for at, kind in enumerate(kinds) if "Undefined" in kind or at == 0]
     sizes, numbers = {}, {}
-    for at in found[:MAX_PICTURES]:
+    for at in candidates[:MAX_PICTURES]:
         if at:
             image.info.pop("mp", None)
             image.seek(at)
@@ -146,8 +146,8 @@ def _indexed_views(image: Any) -> tuple[tuple[int, ...], bool]:
         numbers[at] = _individual_number(image.info.get("mp", b""))
     image.seek(0)
     largest = max(sizes.values())
-    views = [at for at in found if sizes.get(at) == largest]
-    if None not in numbers.values() and len(set(numbers.values())) == len(found):
+    views = [at for at in candidates if sizes.get(at) == largest]
+    if None not in numbers.values() and len(set(numbers.values())) == len(candidates):
         views.sort(key=lambda at: numbers[at] or 0)  # counted from the left
     sure = bool(stated)
     return (tuple(views), sure) if len(views) > 1 and (sure or len(views) == 2) else ((), False)
@@ -273,11 +273,11 @@ def open_header(path: Path) -> Header:
     """The header of a picture. Raises UserError if it is no picture, or too large to decode."""
     with open_file(path) as file:
         about = os.fstat(file.fileno())
-    return _known_header(path, about.st_ino, about.st_size, about.st_mtime_ns)
+    return _cached_header(path, about.st_ino, about.st_size, about.st_mtime_ns)
 
 
 @lru_cache(maxsize=1 << 14)  # of one scene: layouts ask several times
-def _known_header(path: Path, *_stamp: int) -> Header:
+def _cached_header(path: Path, *_stamp: int) -> Header:
     with _opened(path) as (_, _, header):
         return header
 

@@ -32,6 +32,8 @@ PRIVATE = 0o600  # of a file that records a face or its movements; its folder ha
 PRIVATE_FOLDER = 0o700
 MAX_FILE_BYTES = 1 << 36  # an hour of lossless light-field video is smaller
 TEXT_BYTES = 1 << 20  # of a file of settings or facts: a hundred times what ours have
+# of a network, of the offsets of 20,000 views, of a thousand poses with more digits than doubles
+TABLE_BYTES = 16 << 20
 # begins what Git LFS checks out in the place of a file (its specification)
 LFS_POINTER = b"version https://git-lfs."
 LONGEST_LINE = 1 << 16  # bytes of a `LineFile`; limit of the search for the end of the last line

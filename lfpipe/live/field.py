@@ -101,7 +101,7 @@ class Alignment:
 
 
 @lru_cache(maxsize=4)
-def _places(height: int, width: int, bend: bytes) -> tuple[FloatMap, FloatMap]:
+def _source_positions(height: int, width: int, bend: bytes) -> tuple[FloatMap, FloatMap]:
     """x and y in the delivered right view, float32 (height, width), of an aligned one's pixels."""
     low, turn, larger, lens, across, down = np.frombuffer(bend).tolist()
     half = width / 2
@@ -119,9 +119,9 @@ def aligned(picture: NDArray[np.uint8], bend: NDArray[np.float64]) -> NDArray[np
     """The right view of any size, aligned; the border is repeated. bend: that of `Alignment`."""
     if not bend.any():
         return picture
-    places = _places(*picture.shape[:2], bend.tobytes())
+    positions = _source_positions(*picture.shape[:2], bend.tobytes())
     return np.asarray(
-        cv2.remap(picture, *places, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.uint8
+        cv2.remap(picture, *positions, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.uint8
     )
 
 
@@ -141,11 +141,11 @@ class Colours:
         """As in the record of disparity."""
         return np.clip(np.rint(self._levels), 0, 255).astype(np.uint8)
 
-    def add(self, col: int, wanted: NDArray[np.uint8], found: NDArray[np.uint8]) -> None:
-        """Adds a frame: the values (n, 3) that that camera has found at some points, and what is
-        wanted, those of the camera to its left in its final colours.
+    def add(self, col: int, target: NDArray[np.uint8], values: NDArray[np.uint8]) -> None:
+        """Adds a frame: the values (n, 3) of that camera at some points, and their target, those of
+        the camera to its left in its final colours.
         """
-        ranks = (np.percentile(one[::4], RANKS_PERCENT, axis=0).T for one in (found, wanted))
+        ranks = (np.percentile(one[::4], RANKS_PERCENT, axis=0).T for one in (values, target))
         # black is black, and what is brighter than all is so by the gain of the brightest
         curves = [
             np.interp(UNCHANGED[:, 0], [0, *was, 255], [0, *to, to[-1] * 255 / max(was[-1], 1)])
@@ -231,28 +231,28 @@ class Estimator:
         shown = {
             view: matched(small, self.colours.curves[view[1]]) for view, small in smalls.items()
         }
-        found: dict[View, FloatMap] = {}
+        maps: dict[View, FloatMap] = {}
         agreement = 0.0
         for pair in pairs:
             a, b = pair
             da, db, agree = self._pair(pair, shown[a], shown[b], coarse or len(pairs) > FINE_PAIRS)
-            found = {a: da, b: db} | found
+            maps = {a: da, b: db} | maps
             agreement = max(agreement, float(agree.mean()))
             if agree.mean() > AGREE_SHARE and self._live.rows == 1 and not self._live.drawn:
                 self.colours.add(
                     b[1],
-                    wanted=shown[a][SAMPLE][agree],
-                    found=_seen(smalls[b], np.float32(0.5) * da)[SAMPLE][agree],
+                    target=shown[a][SAMPLE][agree],
+                    values=_from_right(smalls[b], np.float32(0.5) * da)[SAMPLE][agree],
                 )
         self._frames += 1
         self.strange_frames = self.strange_frames + 1 if agreement < AGREE_SHARE else 0
         if self.alignment is not None and self.strange_frames:
             # forgets what it was measured from, down to a few frames
             self.alignment.frames = (self.alignment.frames + 4) // 2
-        most_px = max(float(np.abs(disparity).max()) for disparity in found.values())
+        most_px = max(float(np.abs(disparity).max()) for disparity in maps.values())
         step_px = FINEST_PX * 2 ** math.ceil(math.log2(max(most_px / MOST_STEPS / FINEST_PX, 1)))
         record = disparity_record(
-            self._live, {view: quantised(px, step_px) for view, px in found.items()}, step_px
+            self._live, {view: quantised(px, step_px) for view, px in maps.items()}, step_px
         )
         record["curves"] = self.colours.curves
         record["swapped"] = self.swapped
@@ -308,7 +308,7 @@ class Estimator:
         self._matcher.setDisp12MaxDiff(MOST if coarse else 1)
         da = self._matched(a, b, coarse)
         db = self._matched(b[:, ::-1].copy(), a[:, ::-1].copy(), coarse)[:, ::-1].copy()
-        agree = np.abs(da - _seen(db, da))[SAMPLE] < RETURN_PX
+        agree = np.abs(da - _from_right(db, da))[SAMPLE] < RETURN_PX
         self._flows[pair][SAMPLE][..., 0][agree] = -da[SAMPLE][agree]  # the next range is around it
         if due and self.alignment is not None:
             # flow finds how far lines are from each other that do not match yet, coarsely
@@ -336,7 +336,7 @@ class Estimator:
         return disparity if coarse else _refined(a, b, disparity)
 
 
-def _seen(picture: NDArray[Any], disparity: FloatMap) -> NDArray[Any]:
+def _from_right(picture: NDArray[Any], disparity: FloatMap) -> NDArray[Any]:
     """What the neighbour to the right shows of each point."""
     xx, yy = grid_xy(*disparity.shape)
     at = xx - disparity
@@ -345,7 +345,9 @@ def _seen(picture: NDArray[Any], disparity: FloatMap) -> NDArray[Any]:
 
 def _misfit(a: Grey, b: Grey, disparity: FloatMap) -> NDArray[np.uint16]:
     return np.asarray(
-        cv2.boxFilter(cv2.absdiff(a, _seen(b, disparity)), cv2.CV_16U, FIT_PX, normalize=False),
+        cv2.boxFilter(
+            cv2.absdiff(a, _from_right(b, disparity)), cv2.CV_16U, FIT_PX, normalize=False
+        ),
         np.uint16,
     )
 
@@ -364,7 +366,7 @@ def _refined(a: Grey, b: Grey, disparity: FloatMap) -> FloatMap:
 def _rest(a: Grey, b: Grey, disparity: FloatMap, along: tuple[int, int]) -> FloatMap:
     """By what disparity along x or y differs, by least squares (Lucas and Kanade 1981)."""
     slope = cv2.Scharr(a, cv2.CV_32F, *along, scale=1 / 32)
-    pull = cv2.blur(slope * cv2.subtract(_seen(b, disparity), a, dtype=cv2.CV_32F), LEAST_PX)
+    pull = cv2.blur(slope * cv2.subtract(_from_right(b, disparity), a, dtype=cv2.CV_32F), LEAST_PX)
     step_px = pull / (cv2.blur(slope * slope, LEAST_PX) + np.float32(FLATNESS))
     return np.asarray(np.clip(step_px, -STEP_PX, STEP_PX), np.float32)
 

@@ -265,7 +265,7 @@ class Program:
             if (*grid, *size_px) != (live.rows, live.cols, live.width_px, live.height_px):
                 self.close()  # it came back with other views, which cannot be shown
 
-    def tell(self, at: NDArray[np.void]) -> None:
+    def send_viewpoints(self, at: NDArray[np.void]) -> None:
         """Gives it the viewpoints of the next picture, of dtype VIEWPOINTS."""
         if self._viewpoints is None and self._reader is not None:
             with contextlib.suppress(UserError, FileNotFoundError):
@@ -274,15 +274,15 @@ class Program:
             self._viewpoints.begin()[...] = at
             self._viewpoints.publish(0, now_ns(), 0)
 
-    def found(self, stamp: Stamp, views: Iterable[View]) -> NDArray[np.void] | None:
+    def disparity(self, stamp: Stamp, views: Iterable[View]) -> NDArray[np.void] | None:
         """Its disparity of views of a frame; None if it gives none, or what no program means."""
         reader = self._reader
-        taken = reader.find(stamp.t_sensor_ns) if reader is not None else None
-        if reader is None or taken is None:
+        match = reader.find(stamp.t_sensor_ns) if reader is not None else None
+        if reader is None or match is None:
             if now_ns() - self._tried_ns > RETRY_NS:
                 self._attach()
             return None
-        slot, record = taken  # in shared memory
+        slot, record = match  # in shared memory
         live = self._live
         step_px, positions = float(record["step_px"]), np.array(record["positions"])
         # NaN is none
@@ -291,9 +291,9 @@ class Program:
         if np.isfinite(positions).all():
             views = [divmod(eye, live.cols) for eye in (0, 1)]  # a program draws the first two
         maps = {view: np.array(record["maps"][view]) for view in views}
-        found = disparity_record(live, maps, step_px)
-        found["positions"] = positions
-        return found if reader.still_valid(slot) else None
+        disparity = disparity_record(live, maps, step_px)
+        disparity["positions"] = positions
+        return disparity if reader.still_valid(slot) else None
 
     def close(self) -> None:
         """Closes the rings."""

@@ -54,38 +54,38 @@ class DisparityStage:
         if lowered and stamp.source_seq % 2:
             context.row["left_out"] += 1
             return
-        t_taken_ns = now_ns()
-        found = self._found(stamp, frame, coarse=lowered > 1)
+        t_begin_ns = now_ns()
+        disparity = self._disparity(stamp, frame, coarse=lowered > 1)
         if not self._views.still_valid(stamp):
             return
-        self._output.begin()[...] = found
+        self._output.begin()[...] = disparity
         self._output.publish(
             stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind
         )
         t_ns = now_ns()
         context.row.count_output(stamp.source_seq)
         context.row.record_latency(
-            t_taken_ns - stamp.t_publish_ns, t_ns - t_taken_ns, t_ns - stamp.t_sensor_ns
+            t_begin_ns - stamp.t_publish_ns, t_ns - t_begin_ns, t_ns - stamp.t_sensor_ns
         )
         context.row["cpu_ns"] = time.process_time_ns()
         self._report(t_ns)
 
-    def _found(self, stamp: Stamp, frame: NDArray[np.uint8], coarse: bool) -> NDArray[np.void]:
+    def _disparity(self, stamp: Stamp, frame: NDArray[np.uint8], coarse: bool) -> NDArray[np.void]:
         fresh = self._viewpoints.read(self._at) is not None
         context = self._context
         pairs = pairs_in_need(self._live, [self._at[eye].tolist() for eye in ("left", "right")])
         if self._program is not None:
             if fresh:
-                self._program.tell(self._at)
-            if (known := self._program.found(stamp, views_of(pairs))) is not None:
-                return known
+                self._program.send_viewpoints(self._at)
+            if (drawn := self._program.disparity(stamp, views_of(pairs))) is not None:
+                return drawn
         before = self._estimator.swapped
-        found = self._estimator.estimate(frame, pairs, coarse)
+        estimate = self._estimator.estimate(frame, pairs, coarse)
         if self._estimator.strange_frames == SURE_FRAMES:
             context.notify("the views do not show one scene: check the cameras, layout and grid")
         if self._estimator.swapped != before:
             context.notify("the two cameras stand the other way round: views swapped")
-        return found
+        return estimate
 
     def _report(self, t_ns: int) -> None:
         aligned = self._estimator.alignment

@@ -23,6 +23,7 @@ from lfpipe import config
 from lfpipe.config import SceneSummary, converter
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import (
+    TABLE_BYTES,
     check_regular,
     json_fields,
     open_regular,
@@ -115,8 +116,7 @@ def read_manifest(folder: Path) -> Manifest:
     Raises DamagedPackError if it is missing, damaged or of another version.
     """
     with _reading(folder):
-        # the manifest of 20,000 views with offsets has about 1 MB
-        manifest = json_fields(read_bytes(folder / MANIFEST, 16 << 20), MANIFEST, "").values
+        manifest = json_fields(read_bytes(folder / MANIFEST, TABLE_BYTES), MANIFEST, "").values
         if manifest.get("version") != VERSION:
             raise ValueError(f"it has another version; this lfpipe reads version {VERSION}")
         return converter().structure(manifest, Manifest)

@@ -218,11 +218,6 @@ class Sequence:
         return eyes_of(self.data(index), f"{self.path}: frame {index}")
 
     @property
-    def codecs(self) -> set[str]:
-        """The codecs of its packets."""
-        return self.packets.codecs
-
-    @property
     def holds_eyes(self) -> bool:
         """Whether it holds the eyes of the mouse instead of frames."""
         return self.packets[0].codec == "eyes"
@@ -290,7 +285,7 @@ def open_sequence(path: Path, verify: bool = True) -> Sequence:
         rate_hz=rate_hz,
         complete=complete,
     )
-    if sequence.codecs > {"eyes"}:
+    if sequence.packets.codecs > {"eyes"}:
         raise UserError(f"{path}: mixes frames with eyes", COPY)
     if sequence.measured_hz > MAX_HZ:
         raise UserError(

@@ -356,9 +356,9 @@ class Truth:
         first and after the last.
         """
         after = np.searchsorted(self.t_ns, t_ns)
-        known = (np.asarray(t_ns) >= self.t_ns[0]) & (after < len(self.t_ns))
+        inside = (np.asarray(t_ns) >= self.t_ns[0]) & (after < len(self.t_ns))
         return np.asarray(
-            known
+            inside
             & self.visible[np.maximum(after - 1, 0)]
             & self.visible[np.minimum(after, len(self.t_ns) - 1)]
         )

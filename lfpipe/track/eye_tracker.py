@@ -217,7 +217,7 @@ class OcclusionHold:
         self._pulled = False  # whether a hand pulls one eye of a face that was moving
         self.eyes_px = eyes_px
         """To be filtered, unless they are held."""
-        self.held = False
+        self.is_holding = False
         """Whether to hold the eyes."""
         self.trusted = True
         """Whether the eyes of the current frame may be held later."""
@@ -238,14 +238,14 @@ class OcclusionHold:
         lx, ly, rx, ry = self._trusted_px
         left, right = (eyes_px[0] - lx, eyes_px[1] - ly), (eyes_px[2] - rx, eyes_px[3] - ry)
         x, y = min(left, right, key=lambda step: math.hypot(*step))
-        was_held = self.held
-        hidden = logit < self._usual - (RELEASE_DROP if was_held or self._pulled else HIDE_DROP)
+        was_holding = self.is_holding
+        hidden = logit < self._usual - (RELEASE_DROP if was_holding or self._pulled else HIDE_DROP)
         unit_px = max(eye_distance_px, 1.0)
-        self.held = hidden and not self._moved and math.hypot(x, y) < MAX_PULL * unit_px
+        self.is_holding = hidden and not self._moved and math.hypot(x, y) < MAX_PULL * unit_px
         apart = math.dist(left, right) / unit_px
         self._pulled = hidden and self._moved and MIN_PULL < apart < MAX_PULL
         self.eyes_px = (lx + x, ly + y, rx + x, ry + y) if self._pulled else eyes_px
-        released = was_held and not self.held
+        released = was_holding and not self.is_holding
         self.trusted = logit > self._usual - TRUST_DROP or released
         if self.trusted:
             self._trusted_px = eyes_px
@@ -277,7 +277,7 @@ class EyeTracker:
         self._seen_ns = 0
         self._epoch = -1
         self._generation = 0
-        self.seen = False
+        self.has_face = False
         """Whether the last frame had a face."""
         self.fault = ""
         """The part that returns unusable values; "" if there is none."""
@@ -291,7 +291,7 @@ class EyeTracker:
     def reset(self) -> None:
         """Starts a new choice of the face."""
         self.engine.reset()
-        self.seen = False
+        self.has_face = False
 
     def update(self, face: Face | None, t_sensor_ns: int, epoch: int = 0) -> bool:
         """Adds the engine's result for a frame. Returns whether a face was found or lost. epoch: a
@@ -315,8 +315,8 @@ class EyeTracker:
             self._velocity_px_s = NOWHERE  # hold the position: the motion is unknown
             if self._filter.restarts_after_loss:
                 self._filter.reset()
-        changed = (face is not None) != self.seen
-        self.seen = face is not None
+        changed = (face is not None) != self.has_face
+        self.has_face = face is not None
         return changed
 
     def _follow(self, face: Face, t_sensor_ns: int, epoch: int) -> None:
@@ -326,7 +326,7 @@ class EyeTracker:
         logit = math.log(confidence / (1 - confidence))
         away_ns = t_sensor_ns - self._seen_ns
         # the box of an occluded face is as wrong as its eyes
-        same = self._occlusion.held or overlap(self._box_px, face.box_px) > SAME_OVERLAP
+        same = self._occlusion.is_holding or overlap(self._box_px, face.box_px) > SAME_OVERLAP
         if epoch != self._epoch or away_ns >= MAX_STEP_NS or not same:
             # earlier runs are unrelated to this one
             self._epoch = epoch
@@ -342,7 +342,7 @@ class EyeTracker:
                 self._filter.reset()  # of the same face: its generation stays
         self._box_px = face.box_px
         self._seen_ns = t_sensor_ns
-        if self._occlusion.held and self._filter.holds_when_hidden:
+        if self._occlusion.is_holding and self._filter.holds_when_hidden:
             self._position_px = self._trusted_position_px
             self._velocity_px_s = NOWHERE
             return
@@ -363,6 +363,13 @@ class EyeTracker:
         )
         eyes = self._raw_px, self._position_px, self._velocity_px_s
         EyesRecord(
-            *eyes, eye_distance_px, confidence, width_px, height_px, 0, self.seen, self._generation
+            *eyes,
+            eye_distance_px,
+            confidence,
+            width_px,
+            height_px,
+            0,
+            self.has_face,
+            self._generation,
         ).write(record)
         record["head_px"] = 0.0 if face is None or face.head_px is None else face.head_px

@@ -121,7 +121,7 @@ NEW_CONFIDENCE = 0.5  # minimum for a new face
 # Minimum for a small new face: its detector has many false alarms, and real faces score higher.
 NEW_FAR_CONFIDENCE = 0.9
 # Minimum for a followed face: a hand in front of it lowers confidence more than accuracy.
-KEPT_CONFIDENCE = 0.2
+FOLLOWED_CONFIDENCE = 0.2
 # The same behind a mask and anaglyph glasses (-5.3 logits in one of 20), if the detector confirms
 # the face: it scores 19 of 20 such faces at 0.7, and the likeliest scene without a face at 0.6.
 DOUBTFUL_CONFIDENCE, CERTAIN_SCORE = 0.005, 0.7
@@ -196,16 +196,15 @@ class LitertEngine:
         """
         if abs(face.lean_deg) > MAX_LEAN_DEG:
             return False
-        if face.confidence >= KEPT_CONFIDENCE:
+        if face.confidence >= FOLLOWED_CONFIDENCE:
             self._doubts = 0
             return True
         self._doubts += 1
         if self._doubts % FAST_SCAN_PERIOD != 1:
             return True
-        found = self._networks.detect(image)
         return any(
             one.score >= CERTAIN_SCORE and overlap(one.box_px, face.box_px) > SAME_OVERLAP
-            for one in found
+            for one in self._networks.detect(image)
         )
 
     def examine(self, image: NDArray[np.uint8]) -> None:
@@ -286,11 +285,12 @@ class LitertEngine:
             if measured is None:
                 break
             face = measured[0]
-            again = k == 0 and _is_cut_off(face, image)
-            if not again and abs(face.lean_deg) < REMEASURE_DEG:
+            x0, y0, x1, y1 = face.box_px
+            cut_off = min(x0, y0) < 0 or x1 > image.shape[1] or y1 > image.shape[0]
+            if not (k == 0 and cut_off) and abs(face.lean_deg) < REMEASURE_DEG:
                 break
             measured = self._networks.measure(
-                image, measured[1], min(KEPT_CONFIDENCE, min_confidence)
+                image, measured[1], min(FOLLOWED_CONFIDENCE, min_confidence)
             )
         if measured is None or self._is_rotated(measured[0]):
             return None
@@ -345,10 +345,3 @@ class LitertEngine:
             roi = around(candidate.box_px, *candidate.points_px[:2])
             if (measured := self._networks.measure(image, roi, NEW_CONFIDENCE)) is not None:
                 self._is_rotated(measured[0])
-
-
-def _is_cut_off(face: Face, image: NDArray[np.uint8]) -> bool:
-    """Whether the border of the picture hides a part of a face."""
-    x0, y0, x1, y1 = face.box_px
-    height_px, width_px = image.shape[:2]
-    return min(x0, y0) < 0 or x1 > width_px or y1 > height_px

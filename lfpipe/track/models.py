@@ -19,7 +19,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from lfpipe.errors import UserError
-from lfpipe.files.safe_files import check_regular, reason, write_file
+from lfpipe.files.safe_files import TABLE_BYTES, check_regular, reason, write_file
 from lfpipe.host.files import is_file
 from lfpipe.host.worker import install_command, python
 
@@ -36,7 +36,6 @@ SHA256 = {
         "1055cb9d4a9ca8b8c688902a3a5194311138ba256bcc94e336d8373a5f30c814"
     ),
 }
-MAX_BYTES = 16 << 20  # limit per network; the largest has 2.6 MB
 REMEDY = (
     "`lfpipe models get`, or without a network `lfpipe models get --from WHEEL` with any wheel of "
     + PACKAGE
@@ -111,7 +110,7 @@ def _store(package: Path | zipfile.Path, name: str) -> Path:
         sha256 = ""
         # zipfile raises many kinds of errors for damaged, unknown and encrypted contents
         with contextlib.suppress(Exception), (package / relative).open("rb") as file:
-            contents[Path(relative).name] = file.read(MAX_BYTES)
+            contents[Path(relative).name] = file.read(TABLE_BYTES)
             sha256 = hashlib.sha256(contents[Path(relative).name]).hexdigest()
         if sha256 != expected:
             raise UserError(
@@ -157,6 +156,6 @@ def fetch_models(say: Callable[[str], None]) -> Path:
             subprocess.run(command, cwd=folder, stdout=subprocess.DEVNULL, check=True)
         except (OSError, subprocess.CalledProcessError) as error:
             raise UserError(f"the face networks could not be fetched: {error}", REMEDY) from None
-        kept = _store(folder / "mediapipe", PACKAGE)
-    say(f"models  stored in {kept}")
-    return kept
+        stored = _store(folder / "mediapipe", PACKAGE)
+    say(f"models  stored in {stored}")
+    return stored

@@ -70,20 +70,20 @@ def _track(context: Context) -> None:
                 continue  # the writer overtook this reader: the picture may mix two frames
             if tracker.update(face, stamp.t_sensor_ns, stamp.epoch):
                 logging.getLogger(__name__).info(
-                    "face %s at frame %d", "found" if tracker.seen else "lost", stamp.source_seq
+                    "face %s at frame %d", "found" if tracker.has_face else "lost", stamp.source_seq
                 )
-                context.row["face"] = tracker.seen  # before the event, which wakes its readers
-                context.emit("face", found=tracker.seen, source_seq=stamp.source_seq)
+                context.row["face"] = tracker.has_face  # before the event, which wakes its readers
+                context.emit("face", found=tracker.has_face, source_seq=stamp.source_seq)
             record = eyes.begin()
             tracker.write(record, image)
             _publish(context, eyes, stamp, record, t_taken_ns)
             engine.examine(image)  # after the eyes are published
-            if engine.rotated_deg != hinted and not tracker.seen:
+            if engine.rotated_deg != hinted and not tracker.has_face:
                 hinted = engine.rotated_deg
                 upright = (context.config.camera.rotate + hinted) % 360
                 context.notify(f"a face is visible, but not upright: set camera.rotate={upright}")
-            context.row["face"] = tracker.seen
-            context.row.report_health(tracker.fault, tracker.seen)
+            context.row["face"] = tracker.has_face
+            context.row.report_health(tracker.fault, tracker.has_face)
             context.row["cpu_ns"] = time.process_time_ns()
     finally:
         engine.close()

@@ -42,16 +42,16 @@ def test_live_scene_reaches_a_session_with_its_disparity_and_learns_its_viewpoin
         assert frame is not None and frame.t_sensor_ns == 123
         for row, col in np.ndindex(2, 3):
             np.testing.assert_array_equal(cut(out, live, (row, col)), views[row, col])
-        found = program.found(stamp_of(frame), [(1, 2)])
+        found = program.disparity(stamp_of(frame), [(1, 2)])
         assert found is not None
         np.testing.assert_allclose(maps_of(found)[1, 2], 1.5, atol=0.05)
         scene.write(views)
         frame = source.read(out)
-        assert frame is not None and program.found(stamp_of(frame), [(1, 2)]) is None
+        assert frame is not None and program.disparity(stamp_of(frame), [(1, 2)]) is None
         assert scene.wanted() is None
         at = np.zeros((), VIEWPOINTS)
         at["left"], at["right_mm"] = (0.5, 1.25), (30.0, -4.0, 600.0)
-        program.tell(at)
+        program.send_viewpoints(at)
         wanted = scene.wanted()
         assert wanted is not None
         assert wanted.left == (0.5, 1.25) and wanted.right_mm == (30.0, -4.0, 600.0)
@@ -84,7 +84,7 @@ def test_disparity_that_no_program_means_is_measured_instead(name: str, value: f
                 record[name] = value
             del record
             writer.publish(1, 77 + wrong, 77)
-            found = program.found(stamp_of(Frame(1, 77 + wrong, 77)), [(0, 0)])
+            found = program.disparity(stamp_of(Frame(1, 77 + wrong, 77)), [(0, 0)])
             assert (found is None) == wrong
         writer.close()
         program.close()
@@ -97,7 +97,7 @@ def test_program_that_comes_back_with_other_views_is_not_read() -> None:
     with lfpipe.LiveScene(NAME, rows=1, cols=2, size_px=(80, 60)) as scene:
         program = Program(live)
         scene.write(np.zeros((1, 2, 60, 80, 3), np.uint8), disparity, t_ns=7)
-        assert program.found(stamp_of(Frame(1, 7, 7)), [(0, 0)]) is None
+        assert program.disparity(stamp_of(Frame(1, 7, 7)), [(0, 0)]) is None
 
 
 def test_mouse_looks_around_a_scene_that_is_captured_now() -> None:

@@ -155,7 +155,7 @@ def test_import_brings_the_same_pictures_back_and_motion_jpeg_unchanged(
     for name, codec in (("v.mkv", "png"), ("v.avi", "jpeg")):
         typed("import", tmp_path / name, tmp_path / codec)
         back = open_sequence(tmp_path / codec)
-        assert len(back.packets) == FRAMES and back.codecs == {codec}
+        assert len(back.packets) == FRAMES and back.packets.codecs == {codec}
         for k in range(FRAMES):
             if codec == "png":
                 assert np.array_equal(back.frame(k), sequence.frame(k))

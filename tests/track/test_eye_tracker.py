@@ -50,10 +50,10 @@ def test_eye_tracker_takes_an_implausible_face_for_none(change: dict[str, Any]) 
     tracker = EyeTracker(Track(), engine=ENGINE)
     for k in range(5):
         tracker.update(FACE, k * FRAME_NS)
-    assert tracker.update(attrs.evolve(FACE, **change), 5 * FRAME_NS) and not tracker.seen
+    assert tracker.update(attrs.evolve(FACE, **change), 5 * FRAME_NS) and not tracker.has_face
     record = record_of(tracker)
     assert record["face"] == record["eye_distance_px"] == 0
-    assert tracker.update(FACE, 6 * FRAME_NS) and tracker.seen
+    assert tracker.update(FACE, 6 * FRAME_NS) and tracker.has_face
 
 
 @pytest.mark.parametrize(("speed_px_s", "held"), [(10.0, True), (300.0, False)])
@@ -66,7 +66,7 @@ def test_a_face_that_moves_is_not_held_when_its_confidence_falls(
     for k in range(1, 20):
         hidden.update(20.0, eyes_at(300.0 + speed_px_s * k / 30), 60.0, 1 / 30, speed_px_s)
     hidden.update(7.0, eyes_at(300.0 + speed_px_s * 20 / 30), 60.0, 1 / 30, speed_px_s)
-    assert hidden.held == held
+    assert hidden.is_holding == held
 
 
 @pytest.mark.parametrize("left_px", [0.0, 15.0], ids=["dark", "hand"])
@@ -81,7 +81,7 @@ def test_a_moving_face_is_followed_by_the_eye_that_no_hand_pulls(left_px: float)
         covered = k >= 20
         logit = 7.0 if covered else 20.0
         hidden.update(logit, eyes_at(x, left_px * covered), 60.0, 1 / 30, 36.0)
-        assert hidden.eyes_px == pytest.approx(eyes_at(x)) and not hidden.held
+        assert hidden.eyes_px == pytest.approx(eyes_at(x)) and not hidden.is_holding
 
 
 def eyes_at(x: float, left_px: float = 0.0) -> tuple[float, float, float, float]:
@@ -100,9 +100,9 @@ def test_a_hold_ends_where_both_eyes_move_by_more_than_a_hand_pulls_them(
     """Hands pull both eyes of real faces by a third of their distance at most, one by two."""
     hidden = OcclusionHold()
     hidden.reset(20.0, eyes_at(300.0))
-    assert not hidden.update(5.0, eyes_at(300.0), 60.0, 1 / 30, 0.0) and hidden.held
+    assert not hidden.update(5.0, eyes_at(300.0), 60.0, 1 / 30, 0.0) and hidden.is_holding
     assert hidden.update(5.0, eyes_at(x, left_px), 60.0, 1 / 30, 0.0) != held
-    assert hidden.held == held
+    assert hidden.is_holding == held
 
 
 def test_the_face_after_a_hold_is_the_same_and_its_filter_starts_anew() -> None:
@@ -125,11 +125,11 @@ def test_eye_tracker_names_an_engine_without_a_usable_face_until_it_gives_one() 
     tracker.update(None, 0)
     assert tracker.fault == "", "nobody is there"
     tracker.update(attrs.evolve(FACE, eyes_px=np.full((2, 2), math.nan)), 10**8)
-    assert tracker.fault == "engine made returned an impossible face" and not tracker.seen
+    assert tracker.fault == "engine made returned an impossible face" and not tracker.has_face
     tracker.update(None, 2 * 10**8)
     assert tracker.fault, "nobody there proves nothing"
     tracker.update(FACE, 3 * 10**8)
-    assert tracker.fault == "" and tracker.seen
+    assert tracker.fault == "" and tracker.has_face
 
 
 def test_eye_tracker_names_a_filter_that_returns_nan_and_its_eyes_are_no_face(
@@ -140,5 +140,5 @@ def test_eye_tracker_names_a_filter_that_returns_nan_and_its_eyes_are_no_face(
     made = SimpleNamespace(update=lambda *_: no_eyes, reset=lambda: None, restarts_after_loss=False)
     monkeypatch.setattr(tracker, "_filter", made)
     tracker.update(FACE, 10**8)
-    assert tracker.fault == "the filter returned NaN or infinity" and not tracker.seen
+    assert tracker.fault == "the filter returned NaN or infinity" and not tracker.has_face
     assert not record_of(tracker)["face"]

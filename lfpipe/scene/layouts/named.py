@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.files.safe_files import finite, json_fields
+from lfpipe.files.safe_files import TABLE_BYTES, finite, json_fields
 from lfpipe.scene.layouts._grid import (
     FULL,
     coordinate_turn,
@@ -284,7 +284,6 @@ def _detect_numbers(runs: bool, mark: int, listing: Listing) -> int | None:
     return mark if numbered is not None and numbered.runs == runs else None
 
 
-_MAX_BYTES = 1 << 24  # of a thousand poses with more digits than a double has
 _ALIGNED = 0.1  # deviation from a row or column, and in depth, over the extent of all cameras
 _ALIKE = 0.97  # cosine between viewing directions: 14 degrees
 _REMEDY = "move it away to have the pictures ordered by name"
@@ -302,7 +301,7 @@ def _poses(listing: Listing) -> dict[str, NDArray[np.float64]]:
     """
     poses: dict[str, NDArray[np.float64]] = {}
     for file in pose_files(listing):
-        fields = json_fields(read_bytes(listing.file(file), _MAX_BYTES), file, _REMEDY)
+        fields = json_fields(read_bytes(listing.file(file), TABLE_BYTES), file, _REMEDY)
         if not isinstance(frames := fields.values.get("frames"), list):
             raise UserError(f"{file} is not a list of poses", _REMEDY)
         for frame in frames[:MAX_FILES]:

@@ -97,10 +97,10 @@ class Model:
 
         spread = a + noise
         velocity_gain = b / spread
-        kept = noise / spread
-        self.x, self.y = measured[0] + x * kept, measured[1] + y * kept
+        share = noise / spread
+        self.x, self.y = measured[0] + x * share, measured[1] + y * share
         self.u, self.v = u - velocity_gain * x, v - velocity_gain * y
-        self.a, self.b, self.c = a * kept, b * kept, max(c - velocity_gain * b, 0.0)
+        self.a, self.b, self.c = a * share, b * share, max(c - velocity_gain * b, 0.0)
         return prior, -CAUTION * ((x * x + y * y) / (2 * spread) + math.log(spread))
 
 
@@ -140,13 +140,13 @@ class Models:
         leave = (1 - stay) / (len(models) - 1)
         sums = self._moments(measured)
         unit_px2 = eye_distance_px**2
-        found = [
+        likelihoods = [
             model.cycle(sums, leave, stay - leave, dt_s, unit_px2, measured, noise)
             for model in models
         ]
-        best = max(log for _, log in found)
+        best = max(log for _, log in likelihoods)
         total = 0.0
-        for model, (prior, log) in zip(models, found, strict=True):
+        for model, (prior, log) in zip(models, likelihoods, strict=True):
             model.weight = prior * math.exp(max(log - best, -60.0))
             total += model.weight
         x = y = u = v = 0.0

@@ -296,8 +296,8 @@ class GrowthLimit:
         limit = GAIN_SINGLE * size / self._prediction_s + GAIN_REPEATED * repeated / dt_s
         old_u, old_v = self.velocity
         square = old_u * old_u + old_v * old_v
-        kept = min(max((u * old_u + v * old_v) / square, 0.0), 1.0) if square > 0 else 0.0
-        old_u, old_v = kept * old_u, kept * old_v
+        share = min(max((u * old_u + v * old_v) / square, 0.0), 1.0) if square > 0 else 0.0
+        old_u, old_v = share * old_u, share * old_v
         du, dv = u - old_u, v - old_v
         last_du, last_dv = self._growth
         self._growth = du, dv
