@@ -26,7 +26,6 @@ _BOXES = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"pnot")
 # codecs as MP4 and QuickTime name them, in either end of a file, and as Matroska does
 _CODEC = re.compile(rb"stsd.{12}(\w{4})|(V_[A-Z0-9/]{3,20})", re.DOTALL)
 ENDS_BYTES = 1 << 20  # of a file: they hold what declares its streams
-JPEG_START = b"\xff\xd8\xff"  # start of image, and of the first marker
 
 
 class BrokenFrame(UserError):
@@ -71,8 +70,8 @@ def codec_name(number: int, file: IO[bytes]) -> str:
 
 
 def is_jpeg(data: NDArray[np.uint8]) -> bool:
-    """Whether data, uint8 (n,), begins like a JPEG."""
-    return data[: len(JPEG_START)].tobytes() == JPEG_START
+    """Whether data, uint8 (n,), begins like a JPEG: start of image, and of the first marker."""
+    return data[:3].tobytes() == b"\xff\xd8\xff"
 
 
 def picture_of(data: NDArray[np.uint8]) -> NDArray[np.uint8] | None:

@@ -21,7 +21,7 @@ from lfpipe.capture.camera import (
 )
 from lfpipe.capture.camera_list import cameras
 from lfpipe.capture.open_source import check_source
-from lfpipe.capture.v4l2_device import FrameSizes, V4L2Device
+from lfpipe.capture.v4l2_device import FrameSizes
 from lfpipe.errors import UserError
 from lfpipe.transport.ring import StampKind
 from tests.capture.fake_camera import PATH, FakeCamera, source
@@ -259,17 +259,3 @@ def test_real_errors_of_real_paths(
         check_source(text, config.Camera())
     assert caught.value.remedy and remedy in caught.value.remedy
     assert capfd.readouterr() == ("", "")
-
-
-@given(st.integers(0, 2**31 - 1), st.integers(0, 2**32 - 1), st.booleans())
-def test_the_nodes_own_capabilities_decide(whole: int, node: int, tells: bool) -> None:
-    class Answering(V4L2Device):
-        def ioctl(self, request: int, argument: Any) -> Any:
-            return abi.Capability(
-                capabilities=whole | (abi.CAP_DEVICE_CAPS if tells else 0), device_caps=node
-            )
-
-    device = Answering(PATH)
-    own = node if tells else whole
-    assert device.captures == (own & abi.CAP_CAPTURES == abi.CAP_CAPTURES)
-    assert device.multi_planar == (not device.captures and bool(own & abi.CAP_MULTI_PLANAR))

@@ -116,17 +116,6 @@ def test_what_shows_a_person_is_for_its_owner(tmp_path: Path) -> None:
     assert {stat.S_IMODE((tmp_path / name).stat().st_mode) for name in "ab"} == {0o600}
 
 
-@pytest.mark.parametrize("name", [".b.new.png", ".report.new", "x" * 250, f"{'x' * 180}.png"])
-def test_no_file_beside_is_taken_for_unfinished_work(tmp_path: Path, name: str) -> None:
-    (tmp_path / name).write_bytes(b"mine")
-    (tmp_path / f".{name[:180]}.new").write_bytes(b"mine")
-    before = names(tmp_path)
-    for other in ("b.png", "report", f"{'x' * 180}1.png"):
-        safe_files.write_file(tmp_path / other, b"new")
-        (tmp_path / other).unlink()
-    assert names(tmp_path) == before and (tmp_path / name).read_bytes() == b"mine"
-
-
 def test_half_a_line_of_a_killed_writer_or_a_full_disk_is_cut_off(tmp_path: Path) -> None:
     path = tmp_path / "requests.jsonl"
     path.write_bytes(b"1\n2")

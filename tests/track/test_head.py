@@ -114,15 +114,3 @@ def test_without_a_face_or_with_a_wrong_one_there_is_no_head() -> None:
     assert estimator.head(record) is None
     record["face"] = 0
     assert estimator.head(record) is None
-
-
-def test_predicted_eyes_are_ahead_by_their_velocity() -> None:
-    config = Config()
-    record = record_of(config, np.array([0.0, 0, 600]), rotation(0, 0, 0))
-    record["velocity_px_s"] = [[-100, 0], [-100, 0]]
-    estimator = HeadEstimator(config)
-    estimator.update(record, T0_NS)
-    now, later = estimator.head(record), estimator.head(record, 50_000_000)
-    assert now is not None and later is not None
-    focal_px = 320 / math.tan(math.radians(28))
-    assert later.position_mm[0] - now.position_mm[0] == pytest.approx(5 * 600 / focal_px, rel=0.01)
