@@ -318,14 +318,6 @@ class NoCamera(UserError):
     """
 
 
-@attrs.frozen
-class Ranked:
-    """A camera, and why another one is better to see a face with; "" for the best ones."""
-
-    device: CameraDevice
-    doubt: str = ""
-
-
 def _formats(device: CameraDevice) -> Sequence[str] | None:
     try:
         return asking(device.path, lambda opened_device: opened_device.fourccs(), ANSWER_S)
@@ -336,12 +328,13 @@ def _formats(device: CameraDevice) -> Sequence[str] | None:
 def ranked(
     devices: Sequence[CameraDevice],
     formats: Callable[[CameraDevice], Sequence[str] | None] = _formats,
-) -> list[Ranked]:
+) -> list[tuple[CameraDevice, str]]:
     """Cameras, the best to see a face with first, then by their USB ports, which stay when numbers
-    change. formats: the pixel formats of one; None if it cannot be asked.
+    change; and why another one is better, "" for the best ones. formats: the pixel formats of one;
+    None if it cannot be asked.
     """
-    unsorted = [Ranked(device, _doubt(formats(device))) for device in devices]
-    return sorted(unsorted, key=lambda one: (DOUBTS.index(one.doubt), one.device.place))
+    doubts = [(device, _doubt(formats(device))) for device in devices]
+    return sorted(doubts, key=lambda one: (DOUBTS.index(one[1]), one[0].place))
 
 
 UNKNOWN = "its formats are not known"
@@ -364,10 +357,9 @@ def first_camera() -> CameraSpec:
     best_first = ranked(cameras())
     if not best_first:
         raise NoCamera("no camera found", others())
-    for other in best_first[1:]:
-        why = other.doubt or "it is not the first"
-        log.info("camera %s is not used: %s", other.device.path, why)
-    return CameraSpec(best_first[0].device.path)
+    for device, doubt in best_first[1:]:
+        log.info("camera %s is not used: %s", device.path, doubt or "it is not the first")
+    return CameraSpec(best_first[0][0].path)
 
 
 def by_name(name: str, devices: list[CameraDevice]) -> CameraDevice:

@@ -56,7 +56,7 @@ def cameras(as_json: bool) -> None:
     """
     rows: list[dict[str, Any]] = []
     ranking = camera_list.ranked(camera_list.cameras())
-    for number, (device, doubt) in enumerate((one.device, one.doubt) for one in ranking):
+    for number, (device, doubt) in enumerate(ranking):
         facts: dict[str, Any] = {
             "camera": f"camera:{device.path}",
             "name": device.name,

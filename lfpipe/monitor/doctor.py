@@ -125,12 +125,12 @@ def camera_checks(source: str, devices: list[CameraDevice]) -> list[Check]:
     if not devices:
         return [Check("camera", False, f"none, but camera.source is {source}", NO_CAMERA)]
     ranking = ranked(devices)
-    checks = [camera(one.device) for one in ranking]
+    checks = [camera(device) for device, _ in ranking]
     if source:
         return checks
     texts = [
         "used by default",
-        *(f"not used: {one.doubt or 'not the first'}" for one in ranking[1:]),
+        *(f"not used: {doubt or 'not the first'}" for _, doubt in ranking[1:]),
     ]
     first, *others = (
         attrs.evolve(check, detail=f"{check.detail}; {text}")

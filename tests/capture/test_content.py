@@ -64,6 +64,5 @@ def test_ranked_takes_the_camera_that_sees_faces_best(
 ) -> None:
     devices = [CameraDevice(Path(f"/dev/video{k}")) for k in range(len(formats))]
     by_path = {device.path: given for device, given in zip(devices, formats, strict=True)}
-    found = ranked(devices, lambda device: by_path[device.path])
-    assert [devices.index(one.device) for one in found] == order
-    assert [one.doubt for one in found] == doubts
+    best_first = ranked(devices, lambda device: by_path[device.path])
+    assert best_first == [(devices[k], doubt) for k, doubt in zip(order, doubts, strict=True)]
