@@ -359,7 +359,7 @@ DECODED = (*JPEGS, *INTERLEAVED, *PLANAR)
 PLAIN = ("YUYV", "UYVY", "YVYU", "NV12", "NV21", "YU12", "YV12", "BGR3", "RGB3", "BGR4", "XR24")
 CHEAPEST = (*PLAIN, *JPEGS, "RGGB", "BA81", "GBRG", "GRBG", "GREY")
 SMALL_PX = 640 * 480  # up to this size uncompressed frames at 30 Hz fit USB 2
-JPEG_END = np.array([0xFF, 0xD9], np.uint8)  # end of image
+JPEG_END = b"\xff\xd9"  # end of image
 
 
 def choose(
@@ -462,10 +462,8 @@ class FrameDecoder:
         if not is_jpeg(data):
             return False, None
         # Some cameras leave out the last two bytes, some add padding.
-        whole = (data[-2:] == JPEG_END).all() or data[-4096:].tobytes().rstrip(b"\0")[
-            -2:
-        ] == JPEG_END.tobytes()
-        packet = data.copy() if whole else np.concatenate([data, JPEG_END])
+        whole = data[-4096:].tobytes().rstrip(b"\0").endswith(JPEG_END)
+        packet = data.copy() if whole else np.frombuffer(data.tobytes() + JPEG_END, np.uint8)
         stderr_fd = os.dup(2)
         os.dup2(self._sink_fd, 2)
         try:

@@ -23,7 +23,7 @@ from lfpipe.config.session_options import Placement
 from lfpipe.config.tree import SECTIONS, Config, Key, options
 from lfpipe.errors import UserError, quoted
 from lfpipe.eyes import MAX_EYE_PX
-from lfpipe.files.safe_files import Fields, read_text, toml_table, write_file
+from lfpipe.files.safe_files import LINE_CHARS, Fields, read_text, toml_table, write_file
 from lfpipe.host.files import exists, is_missing
 from lfpipe.plugins import ENGINES, FILTERS, plugins
 
@@ -34,7 +34,6 @@ FILE_FORM = (
     f" {', '.join(PRESETS)}"
 )
 SHOW = "see every key with its unit and range: `lfpipe config show`"
-TEXT_CHARS = 4096  # of any text; the longest path
 MAX_LISTED = 10  # problems that one message names
 NAMES = {int: "a whole number", float: "a number", bool: "true or false", str: "text"}
 # keys whose values other packages may add
@@ -103,8 +102,8 @@ def wrong_text(value: str) -> str:
 
     Texts are paths and names: they must survive a message, a file and a system call.
     """
-    if len(value) > TEXT_CHARS:
-        return f"{quoted(value)} has {len(value)} characters; at most {TEXT_CHARS} are allowed"
+    if len(value) > LINE_CHARS:
+        return f"{quoted(value)} has {len(value)} characters; at most {LINE_CHARS} are allowed"
     odd = next((c for c in value if unicodedata.category(c) in ("Cc", "Cs")), "")
     return f"{quoted(value)} contains {odd!a}, which is not allowed in text" if odd else ""
 

@@ -45,7 +45,6 @@ _OTHERS = {  # beginnings of other kinds of files, under the names of pictures
     b"\x1f\x8b": "a gzip archive",
     b"<": "a web page or SVG",
 }
-_NEEDS_HEIC = "HEIC, which needs another package (the extra `heic`)"
 warnings.filterwarnings("ignore", module="PIL")  # about damage that costs no picture
 Image.MAX_IMAGE_PIXELS = None  # MAX_DECODING_BYTES is the limit, and it counts bytes
 
@@ -216,7 +215,7 @@ def _full_value(image: ImageFile.ImageFile) -> int:
 def _kind_of(start: bytes) -> str:
     """What a file that is no supported picture is, by its first bytes."""
     if _HEIC.match(start) and not _add_heic():
-        return _NEEDS_HEIC
+        return "HEIC, which needs another package (the extra `heic`)"
     if start[4:8] == b"ftyp" and not (_HEIC.match(start) or start[8:11] == b"avi"):
         return "a video"
     names = (name for begin, name in _OTHERS.items() if start.lstrip().startswith(begin))

@@ -307,7 +307,9 @@ def write_output(path: Path, data: bytes, mode: int = 0o644, label: str = "") ->
 
 MAX_DEPTH = 32  # no file of ours has ten levels; Python ends at a thousand
 MAX_INTEGER = (1 << 63) - 1  # what NumPy, msgpack and every other reader can hold
-_MAX_TOML_LINE = 4096  # tomllib's time for dotted keys grows with the square of their number
+# of a line of TOML, and of any text of the configuration: the longest path; tomllib's time for
+# dotted keys grows with the square of their number
+LINE_CHARS = 4096
 
 
 def toml_table(data: bytes | str, where: str, remedy: str) -> dict[str, Any]:
@@ -318,10 +320,9 @@ def toml_table(data: bytes | str, where: str, remedy: str) -> dict[str, Any]:
     try:
         text = data.decode() if isinstance(data, bytes) else data
         for number, line in enumerate(text.split("\n"), 1):
-            if len(line) > _MAX_TOML_LINE:
+            if len(line) > LINE_CHARS:
                 raise ValueError(
-                    f"line {number} has {len(line)} characters; at most {_MAX_TOML_LINE} are"
-                    " allowed"
+                    f"line {number} has {len(line)} characters; at most {LINE_CHARS} are allowed"
                 )
         table = tomllib.loads(text)
         _check(table)

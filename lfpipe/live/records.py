@@ -202,7 +202,7 @@ def scene_dtype(rows: int, cols: int, size_px: tuple[int, int]) -> np.dtype[np.v
     )
 
 
-VIEWPOINTS_RING = RingSpec((), VIEWPOINTS, 4)
+VIEWPOINTS_RING = RingSpec((), VIEWPOINTS, SLOTS)
 
 
 def attached(name: str) -> tuple[ring.Reader, tuple[int, int], tuple[int, int]]:

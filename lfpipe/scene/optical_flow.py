@@ -22,7 +22,6 @@ Grey = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
 SMALLEST_PX = 24  # the flow needs a few of its 8x8 patches per side
-_SCALE = 1  # finest one, halvings of the picture: the engine's own for this preset
 # Of fine flow, down to scale 0. Chosen on 23 scenes, of 1 to 90 px between views:
 # profiling/results/disparity.md
 _PATCH_PX = 4
@@ -65,7 +64,8 @@ def _engine(fine: bool) -> cv2.DISOpticalFlow:
             engine.setPatchSize(_PATCH_PX)
             engine.setPatchStride(_PATCH_STRIDE_PX)
             engine.setVariationalRefinementIterations(_SMOOTHINGS)
-    engines[fine].setFinestScale(0 if fine else _SCALE)  # a small picture leaves it at 0
+    # 1, a halved picture, is that of the preset, but a small picture leaves it at 0
+    engines[fine].setFinestScale(0 if fine else 1)
     return engines[fine]
 
 

@@ -24,7 +24,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.files.codecs import ENDS_BYTES, BrokenFrame, codec_name, is_jpeg, is_video, picture_of
+from lfpipe.files.codecs import (
+    ENDS_BYTES,
+    MAX_FRAMES,
+    BrokenFrame,
+    codec_name,
+    is_jpeg,
+    is_video,
+    picture_of,
+)
 from lfpipe.files.safe_files import open_file
 from lfpipe.host.files import MemoryLimit, proc_fd_path
 from lfpipe.host.terminal import opencv_logging
@@ -34,7 +42,6 @@ OPENING_BYTES = 200_000_000  # memory limit of a decoder before the frame size i
 FRAME_BYTES_PX = 20  # memory limit per pixel afterwards; measured: 6 to 15 with FFV1, MPEG-4, VP9
 MAX_FRAME_PX = 22_000_000  # 9x9 views of 512x512; OpenCV holds a frame three times
 USUAL_RATE_HZ = 25.0  # for a video without a rate
-MAX_FRAMES = 1_000_000  # nine hours at 30 Hz
 TRIES = 16  # an undecodable frame looks like the end, unless a later one decodes
 # Kinds of recordings besides those of `is_video`.
 # FFmpeg would also follow playlists of other files and addresses.

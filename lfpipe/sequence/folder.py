@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError, plain
+from lfpipe.files.codecs import MAX_FRAMES
 from lfpipe.files.safe_files import (
     PRIVATE_FOLDER,
     WORK_NAME,
@@ -45,7 +46,6 @@ from lfpipe.sequence.packets import (
     HEADER_BYTES,
     INDEX,
     LINE_BYTES,
-    MAX_PACKETS,
     MAX_PIXELS,
     PACKETS,
     REMEDY,
@@ -64,7 +64,7 @@ MANIFEST = "manifest.json"
 FILES = (PACKETS, INDEX, TRUTH)
 # files whose sums the manifest holds; every packet has its own in the index
 SUMMED = (INDEX, TRUTH)
-SUMMED_BYTES = MAX_PACKETS * LINE_BYTES  # of the longest index
+SUMMED_BYTES = MAX_FRAMES * LINE_BYTES  # of the longest index
 MAX_HZ = 100_000.0  # no camera is faster
 
 
@@ -262,7 +262,7 @@ def open_sequence(path: Path, verify: bool = True) -> Sequence:
         )
     rate_hz = fields.number("rate_hz", 1e-3, MAX_HZ)
     complete = fields.flag("complete")
-    frames = fields.integer("frames", 1, MAX_PACKETS) if complete else MAX_PACKETS
+    frames = fields.integer("frames", 1, MAX_FRAMES) if complete else MAX_FRAMES
     packets = read_index(path, complete, frames)
     if not len(packets):
         raise UserError(f"{path}: contains no whole frame", "record it again")

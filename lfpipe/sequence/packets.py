@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfpipe.errors import UserError, quoted
 from lfpipe.eyes import EYES, MAX_EYE_PX
-from lfpipe.files.codecs import picture_of
+from lfpipe.files.codecs import MAX_FRAMES, picture_of
 from lfpipe.files.pictures import MAX_DECODING_BYTES, header_of
 from lfpipe.files.safe_files import (
     MAX_NS,
@@ -54,7 +54,6 @@ PACKET_BYTES = 3 * MAX_PIXELS + HEADER_BYTES
 EYES_BYTES = 4096
 # A packet and what decodes it: who checks a sequence needs at most 300 MB, 80 MB of it for itself.
 DECODING_BYTES = 210_000_000
-MAX_PACKETS = 1 << 20  # 9.7 hours at 30 Hz; each takes 65 bytes of memory
 LINE_BYTES = 1024  # one of ours has some 150
 COPY = "copy the whole folder again from where it was recorded"
 REPAIR = "copy the frames before it with `lfpipe sequence cut`"
@@ -68,7 +67,7 @@ _ENCODING = {  # codec -> parameters of OpenCV
 }
 FORMATS = {"jpeg": "JPEG", "png": "PNG"}  # codec -> name of the picture's format
 BOUNDS = {  # field of a line with a number -> (lowest, highest)
-    "seq": (0, MAX_PACKETS),
+    "seq": (0, MAX_FRAMES),
     "source_seq": (0, 1 << 62),
     "epoch": (0, 1 << 62),
     "t_sensor_ns": (-MAX_NS, MAX_NS),
@@ -149,7 +148,7 @@ def parse_line(line: bytes, where: str) -> Packet:
     return Packet(codec=codec, **numbers)
 
 
-def read_index(folder: Path, complete: bool, most: int = MAX_PACKETS) -> Packets:
+def read_index(folder: Path, complete: bool, most: int = MAX_FRAMES) -> Packets:
     """The packets in folder, in order, `most` at most. complete: the recording ended properly, so
     all its frames must exist.
 
@@ -446,8 +445,8 @@ def table_of(path: Path) -> Truth:
                 raise UserError(
                     f"{where}: times must rise: t_ns is {quoted(t_ns)}, after {last_ns}", REMEDY
                 )
-            if len(stamps) == MAX_PACKETS:
-                raise UserError(f"{where}: more than {MAX_PACKETS} rows", REMEDY)
+            if len(stamps) == MAX_FRAMES:
+                raise UserError(f"{where}: more than {MAX_FRAMES} rows", REMEDY)
             stamps.append(t_ns)
             visible.append(row.get("visible") != "0")
             still.append(row.get("phase") == "still")

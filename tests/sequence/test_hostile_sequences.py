@@ -257,7 +257,7 @@ def test_a_table_has_no_more_rows_than_a_sequence_may_have_frames(
     whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert read_truth(whole) is not None
-    monkeypatch.setattr("lfpipe.sequence.packets.MAX_PACKETS", 5)
+    monkeypatch.setattr("lfpipe.sequence.packets.MAX_FRAMES", 5)
     assert "more than 5 rows" in str(refusal(read_truth, whole))
 
 

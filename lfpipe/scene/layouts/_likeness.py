@@ -27,11 +27,9 @@ _MAX_PICTURES = 64  # to decode
 _REACHES = (1.5, 4.0, 12.0, 40.0)
 _CLEAR = 0.02  # lead in correlation of a clear grid
 MIN_VIEW_PX = 12  # side of a view: a smaller one shows nothing
-MAX_TILES = 64  # along one side
 _GLANCE_PX = 1024  # longer side of the reduced picture in which tiles are detected
 _TWO_AXES, _ONE_AXIS = 0.5, 0.2  # limits of `_unlike` for neighbouring tiles
 _SEAM = 0.1  # share of a tile's lines that may change more than its borders
-_ALIKE = 0.03  # differences by which tiles are as much alike as tiles of tiles
 _EYES_PX = 384  # longer side of the pictures of two eyes that are compared
 _AGREED = 0.5  # minimum share of the detail of a pair that flow matches
 _ASIDE_PX = 1.5  # shift between red and green: more than lens errors
@@ -177,9 +175,7 @@ def dip(grey: NDArray[np.float32], axis: int, period: float) -> float:
 def _unlike(grey: NDArray[np.float32], axis: int) -> dict[int, float]:
     """The dip at a shift of one tile, by number of tiles along an axis."""
     size = grey.shape[axis]
-    return {
-        count: dip(grey, axis, size / count) for count in range(2, min(MAX_TILES, size // 8) + 1)
-    }
+    return {count: dip(grey, axis, size / count) for count in range(2, size // 8 + 1)}
 
 
 def _seams(grey: NDArray[np.float32], axis: int, count: int) -> bool:
@@ -201,8 +197,7 @@ def _period(
     grey: NDArray[np.float32], axis: int, full_px: int, unlike: Mapping[int, float]
 ) -> tuple[int, float]:
     """The number of tiles with the most similar neighbours along an axis, and their difference
-    (1, 1.0) if there is none. A number that does not divide the side must have seams; tiles of
-    tiles are no tiles.
+    (1, 1.0) if there is none. A number that does not divide the side must have seams.
     """
     fits = {
         n: u
@@ -211,7 +206,6 @@ def _period(
         and (full_px % n == 0 or (u < _TWO_AXES and _seams(grey, axis, n)))
     }
     best = min(fits, key=lambda n: fits[n], default=1)
-    best = max((n for n in fits if n % best == 0 and fits[n] < fits[best] + _ALIKE), default=best)
     return best, fits.get(best, 1.0)
 
 
