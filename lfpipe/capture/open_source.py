@@ -46,7 +46,14 @@ from lfpipe.capture.spec import (
 )
 from lfpipe.config import Config, LiveSource
 from lfpipe.config.check import measured_placement
-from lfpipe.config.session_options import CameraViewer, Clock, Live, Lossless, RecordedEyes
+from lfpipe.config.session_options import (
+    CameraViewer,
+    Clock,
+    Live,
+    Lossless,
+    RecordedEyes,
+    Viewer,
+)
 from lfpipe.errors import UserError, redacted
 from lfpipe.files.codecs import fit_area, fit_note, fitted
 from lfpipe.host.worker import usable_cores
@@ -448,15 +455,15 @@ def check_live(text: str, config: Config) -> LiveSource:
     return attrs.evolve(live, placement=placement)
 
 
-def check_devices(text: str, live: LiveSource, viewer: str) -> None:
-    """Raises UserError if the camera of the light field is the source of the viewer, a frame
-    source.
-    """
-    views, eyes = parse_source(live.source), parse_source(viewer)
+def check_devices(text: str, live: LiveSource, viewer: Viewer) -> None:
+    """Raises UserError if a camera of the light field is that of the viewer."""
+    if not isinstance(viewer, CameraViewer) or not viewer.source:
+        return
+    views = parse_source(live.source)
     cameras = {definite_name(views, live.source)}
     if isinstance(views, RowKind):
         cameras = set(map(definite_name, views.cameras, views.names))
-    if views.live and eyes.live and definite_name(eyes, viewer) in cameras:
+    if views.live and definite_name(parse_source(viewer.source), viewer.source) in cameras:
         raise UserError(
             f"{text}: this camera already tracks your eyes",
             "name another camera for them with --camera, or use --camera mouse",

@@ -238,8 +238,7 @@ def _open_live(arguments: UpArguments, request: Request) -> SessionPlan:
         raise UserError(f"{text} with other scenes", f"show it alone: `lfpipe up {text}`")
     live = check_live(text, request.config)
     viewer = _viewer(arguments, request)
-    if viewer.source and isinstance(viewer, CameraViewer | RecordedEyes):
-        check_devices(text, live, viewer.source)
+    check_devices(text, live, viewer)
     name = redacted(live.source)
     field = LiveViews(live, name).field
     scene = summary_of(live, name)

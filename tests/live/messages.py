@@ -13,6 +13,7 @@ import numpy as np
 import lfpipe
 from lfpipe.capture.open_source import RingSource, check_devices, check_live
 from lfpipe.config import Config
+from lfpipe.config.session_options import CameraViewer
 from lfpipe.errors import UserError
 from lfpipe.live.records import directory_of, scene_dtype, scene_of
 from lfpipe.supervisor import rundir
@@ -65,7 +66,7 @@ def with_other_views(_: Path) -> None:
 
 def one_device(_: Path) -> None:
     live = attrs.evolve(made.source(), source="camera:2")
-    check_devices("live:/dev/video2", live, "camera:/dev/video2")
+    check_devices("live:/dev/video2", live, CameraViewer(source="camera:/dev/video2"))
 
 
 VERSION = "its records are not those of this version … the same version of lfpipe in both"

@@ -29,18 +29,6 @@ def test_flow_finds_every_turn(turn: GridTransform) -> None:
     assert found.depth_order_sure
 
 
-@pytest.mark.parametrize(("shape", "flip"), list(product([(1, 9), (9, 1)], [False, True])))
-@pytest.mark.parametrize("across", [False, True])
-def test_flow_finds_the_direction_of_a_line(
-    shape: tuple[int, int], flip: bool, across: bool
-) -> None:
-    views = made.views(*shape)
-    line = views[::-1, ::-1] if flip else views
-    # numbered files know no line from a column
-    laid = as_source(line.swapaxes(0, 1) if across else line)
-    assert np.array_equal(made.canonical(laid), views)
-
-
 @pytest.mark.parametrize(
     "more",
     [{}, {"turn": GridTransform(), "turn_by": "habit", "turn_firm": False}],
