@@ -73,7 +73,7 @@ def stated(path: str | os.PathLike[str]) -> dict[str, Any]:
     if unknown := [name for name in values if name not in KEYS]:
         raise UserError(f"{file}: scene.{unknown[0]} cannot be stated there", REMEDY)
     try:
-        updated(config.Config(), _dotted(values))
+        updated(config.Config(), {f"scene.{name}": value for name, value in values.items()})
     except UserError as error:
         raise UserError(f"{file}: {error.message}", REMEDY) from None
     return values
@@ -107,10 +107,6 @@ def describe_folder(folder: Path, settings: config.Scene) -> Path:
 
 def _text(file: Path) -> str:
     return read_text(file, str(file), REMEDY)
-
-
-def _dotted(values: Mapping[str, Any]) -> dict[str, Any]:
-    return {f"scene.{name}": value for name, value in values.items()}
 
 
 # Share of the detail that common motion explains, below which views hardly fit together. Light
@@ -388,11 +384,11 @@ def checked_source(
     """
     values = stated(path)
     used = {  # where the settings have defaults; the depth order is state of the session
-        name: value
+        f"scene.{name}": value
         for name, value in values.items()
         if name != "invert_depth" and getattr(scene, name) == options()[f"scene.{name}"].default
     }
-    scene = updated(attrs.evolve(config.Config(), scene=scene), _dotted(used)).scene
+    scene = updated(attrs.evolve(config.Config(), scene=scene), used).scene
     source = layouts.describe(path, scene)
     if values:
         file = Path(path) / FILE
