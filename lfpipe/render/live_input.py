@@ -54,8 +54,7 @@ class LiveInput:
             if measured != (frame.epoch, frame.source_seq):
                 continue
             if self.stamp is None or frame.seq >= self.stamp.seq:
-                in_need = self._in_need(positions)
-                self._store.show(picture, in_need, self._record, frame.t_sensor_ns)
+                self._store.show(picture, self._in_need(positions), self._record, frame.t_sensor_ns)
                 return self._showing(frame, own_disparity=True)
             # for frames after it
             self._store.measure(picture, self._record, frame.t_sensor_ns)

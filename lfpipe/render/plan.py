@@ -81,8 +81,9 @@ def planned_levels(
     picture_px = min(own_px, fit_area(own_px, SCREEN_PX)[2:])
     if not field.needs_eyes or not field.folder:  # only a pack has views and errors
         return picture_px, ()
-    costs = measure_costs(field, config.render)
-    return picture_px, drawing_levels(method, field.manifest.errors, costs)
+    return picture_px, drawing_levels(
+        method, field.manifest.errors, measure_costs(field, config.render)
+    )
 
 
 def _left_out(plan: Plan, field: LightField, config: Config) -> Iterator[LeftOut]:

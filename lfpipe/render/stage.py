@@ -199,8 +199,9 @@ class RenderStage:
     def _measure_costs(self) -> None:
         """Begins to measure what pictures cost, beside the pictures."""
         if self._preparer is not None and self._requested_config.governor.quality == "auto":
-            render = self._requested_config.render
-            self._costs = self._preparer.submit(measure_costs, self._field, render, self._gpu)
+            self._costs = self._preparer.submit(
+                measure_costs, self._field, self._requested_config.render, self._gpu
+            )
 
     def _report_costs(self) -> None:
         if self._costs is not None and self._costs.done():
@@ -437,8 +438,7 @@ class RenderStage:
     def _follow_mouse(self) -> None:
         """Records the mouse where it is the viewer; capture records cameras."""
         if isinstance(self._options.viewer, MouseViewer) and self._mouse.recorder is None:
-            frame_px = self._context.config.camera.frame_px
-            self._mouse.recorder = Recorder(self._context, frame_px)
+            self._mouse.recorder = Recorder(self._context, self._context.config.camera.frame_px)
 
     def _open_scene(self, before: SessionOptions, requested: Config) -> None:
         """Shows the scene of the current settings. before, requested: those until now."""

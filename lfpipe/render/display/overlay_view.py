@@ -124,8 +124,7 @@ class OverlayView:
                 title=overlay.title, lines=overlay.lines, inset=overlay.inset, items=overlay.items
             )
             lit = self._highlight_of(CLOSE, *overlay.items)
-            is_small = bar_top_px < SMALL * below_px
-            from_px = EDGE_PX if overlay.items or is_small else below_px
+            from_px = EDGE_PX if overlay.items or bar_top_px < SMALL * below_px else below_px
             pages.append(text_panel(page, bar_top_px, window_px, text_px, from_px, lit))
             bottom_px = pages[0].rect.top if overlay.items else bottom_px
         bottom_px -= GAP_PX

@@ -227,11 +227,13 @@ def _block(lines: Sequence[str], text_px: int, key_px: int, room_px: int) -> pyg
         wrap_px = max(1, room_px - key_px)
         match words:
             case [amount, share]:
-                value = _value(amount, float(share), text_px, unit)
-                rows.append((written(key, text_px, SECOND), value))
+                rows.append(
+                    (written(key, text_px, SECOND), _value(amount, float(share), text_px, unit))
+                )
             case [what]:
-                drawn = written(what, text_px, TEXT, wrap_px=wrap_px)
-                rows.append((badge(key, text_px, unit), drawn))
+                rows.append(
+                    (badge(key, text_px, unit), written(what, text_px, TEXT, wrap_px=wrap_px))
+                )
             case _:
                 colour = ACCENT if has_keys else TEXT
                 rows.append((None, written(key, text_px, colour, has_keys, wrap_px)))

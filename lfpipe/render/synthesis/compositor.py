@@ -147,9 +147,14 @@ class PlanePainter:
         planes = list(self._planes)
         for eye, (of_eye, position) in enumerate(zip(self._eyes, eyes, strict=True)):
             if of_eye:
-                sources = [self._sources[k] for k in of_eye]
-                outs = [self._planes[k] for k in of_eye]
-                drawn = part.render(position, frame, zero_px, sources, outs, eye)
+                drawn = part.render(
+                    position,
+                    frame,
+                    zero_px,
+                    [self._sources[k] for k in of_eye],
+                    [self._planes[k] for k in of_eye],
+                    eye,
+                )
                 for k, plane in zip(of_eye, drawn, strict=True):
                     planes[k] = plane
         self._mixer.mix(planes, out, part.rows)

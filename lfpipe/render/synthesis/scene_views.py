@@ -136,5 +136,8 @@ class SceneViews:
 
     def _reduce_map(self, frame: int, row: int, col: int) -> NDArray[np.int8]:
         rows, cols = size_of(self.height_px, self.width_px)
-        edge = EDGE_PX / abs(self.field.disparity_scale_px)
-        return reduced_disparity(self._disparity[frame, row, col], (cols, rows), edge)
+        return reduced_disparity(
+            self._disparity[frame, row, col],
+            (cols, rows),
+            edge=EDGE_PX / abs(self.field.disparity_scale_px),
+        )

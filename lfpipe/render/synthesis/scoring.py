@@ -79,7 +79,7 @@ def scores(field: LightField, count: int = 7) -> MethodScores:
     size counts as exact.
     """
     held_out = left_out(field, count)
-    kept = thinned(field) if held_out else field
+    thin = thinned(field) if held_out else field
     own_px = field.width_px, field.height_px
     width, height = min(own_px, fit_area(own_px, SCREEN_PX)[2:])
     methods = [
@@ -87,7 +87,7 @@ def scores(field: LightField, count: int = 7) -> MethodScores:
     ]
 
     def drawn(method: str, size: float = 1.0) -> Draw:
-        return _drawing(kept, method, (width, height), size)
+        return _drawing(thin, method, (width, height), size)
 
     if held_out:
         green = field.views[0, :, :, min(1, field.channels - 1)]
@@ -109,7 +109,7 @@ def scores(field: LightField, count: int = 7) -> MethodScores:
         for method, size in itertools.product(methods, SIZES)
         for draw in [drawn(method, size)]
     }
-    jumps = {method: _jump(drawn(method), _path(kept, next(iter(truth)))) for method in methods}
+    jumps = {method: _jump(drawn(method), _path(thin, next(iter(truth)))) for method in methods}
     return MethodScores(
         psnr_db={method: add(map(psnr_db, squares[method, 1.0])) / len(truth) for method in methods}
         if held_out
@@ -147,8 +147,9 @@ def _path(field: LightField, place: Position) -> list[Position]:
         for at, n in zip(place, (field.rows, field.cols), strict=True)
     )
     down, right = (0, 1) if field.cols > 1 else (1, 0)
-    steps = [k / PATH_STEPS for k in range(PATH_STEPS + 1)]
-    return [(row + t * down, col + t * right) for t in steps]
+    return [
+        (row + k / PATH_STEPS * down, col + k / PATH_STEPS * right) for k in range(PATH_STEPS + 1)
+    ]
 
 
 def _jump(draw: Draw, path: list[Position]) -> float:

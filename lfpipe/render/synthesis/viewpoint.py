@@ -77,13 +77,11 @@ def extrapolation_views(method: str, render: Render) -> float:
     return render.extrapolate_views if method in WARPS else 0.0
 
 
-def _snapped(value: float, held: float) -> float:
-    """The whole view for value: the held one until value is HYSTERESIS_VIEWS past halfway to its
-    neighbour; NaN: none is held.
+def _snapped(value: float, view: float) -> float:
+    """The whole view for value: as before, `view`, until value is HYSTERESIS_VIEWS past halfway to
+    its neighbour; NaN: there was none.
     """
-    if abs(value - held) <= 0.5 + HYSTERESIS_VIEWS:
-        return held
-    return math.floor(value + 0.5)
+    return view if abs(value - view) <= 0.5 + HYSTERESIS_VIEWS else math.floor(value + 0.5)
 
 
 class ViewSolver:
@@ -110,7 +108,7 @@ class ViewSolver:
         self.alpha_px = alpha_px
         self.centre_px = centre_px
         self.set_method(method)
-        self._held: Place = (math.nan, math.nan, math.nan)
+        self._whole: Place = (math.nan, math.nan, math.nan)  # the last views of nearest mode
 
     def set_method(self, method: str) -> None:
         """Sets the method in use: the last views are held in nearest mode, and only warps
@@ -188,12 +186,8 @@ class ViewSolver:
         """
         row, left, right = place
         if self._snap:
-            held = self._held
-            row, left, right = self._held = (
-                _snapped(row, held[0]),
-                _snapped(left, held[1]),
-                _snapped(right, held[2]),
-            )
+            row, left, right = map(_snapped, place, self._whole)
+            self._whole = row, left, right
         return (
             ((row, right), (row, left)) if self._render.swap_eyes else ((row, left), (row, right))
         )

@@ -119,12 +119,18 @@ class Blocks:
         (height + 1, width + 1, 4). Valid until the next call.
         """
         height, width = self._size
-        above = int(first == 0)
-        below = int(last == height)
+        above, below = int(first == 0), int(last == height)
         count = last - first + 1
         padded, corners, flat = self._rows_of(count)
-        inside = plane[first - 1 + above : last + 1 - below]
-        cv2.copyMakeBorder(inside, above, below, MARGIN, MARGIN, cv2.BORDER_REPLICATE, padded)
+        cv2.copyMakeBorder(
+            plane[first - 1 + above : last + 1 - below],
+            above,
+            below,
+            MARGIN,
+            MARGIN,
+            cv2.BORDER_REPLICATE,
+            padded,
+        )
         cv2.merge(corners, flat)
         return self._whole[:count, : width + 1]
 
@@ -207,8 +213,7 @@ class Warper:
     """
 
     def __init__(self, scene: SceneViews, drawn_rows: slice) -> None:
-        field = scene.field
-        if field.disparity is None:
+        if scene.field.disparity is None:
             raise ValueError("a light field without disparity cannot be warped")
         self._scene = scene
         self._map = scene.disparity

@@ -381,8 +381,9 @@ class CalibrationPage(Page):
             record = EyesRecord.of(self._record)
             distance_px = record.eye_distance_px or math.dist(record.raw_px[:2], record.raw_px[2:])
             self._eyes.add(distance_px if record.face else None)
-        ready = self._eyes.share == 1.0
-        return calibration_page(self.distance, ready, self._eyes.has_face, self.is_stored)
+        return calibration_page(
+            self.distance, self._eyes.share == 1.0, self._eyes.has_face, self.is_stored
+        )
 
     def _draw(self, _viewer: Viewer, _key: Key) -> Drawing:
         eyes_px = self._record["raw_px"].tolist() if self._eyes.has_face else []

@@ -309,8 +309,7 @@ class Viewer:
         if self._auto and self._centre_px is not None:
             self._follow_neutral(solver, self._centre_px, eyes_px, dt_s)
         if eyes_px is None:
-            x, y = solver.centre_px
-            half = self._eye_distance_px / 2
+            (x, y), half = solver.centre_px, self._eye_distance_px / 2
             neutral = solver.place((x + half, y, x - half, y))
             place = self._place_alone(neutral, t_shown_ns, _is_absent(t_sensor_ns, t_shown_ns))
             used_px = solver.eyes_at(place)
@@ -374,10 +373,9 @@ class Viewer:
         if not self._seen or record.generation != self._generation:
             self._near_px = eye_distance_px
             self._generation = record.generation
-        still = abs(eye_distance_px - self._eye_distance_px) < STILL * self._eye_distance_px
-        self._eye_distance_px += (eye_distance_px - self._eye_distance_px) * low_pass_gain(
-            dt_s, STILL_S if still else DISTANCE_S
-        )
+        step_px = eye_distance_px - self._eye_distance_px
+        still = abs(step_px) < STILL * self._eye_distance_px
+        self._eye_distance_px += step_px * low_pass_gain(dt_s, STILL_S if still else DISTANCE_S)
         self._near_px += (eye_distance_px - self._near_px) * low_pass_gain(dt_s, DISTANCE_S)
 
     def _follow_presence(
