@@ -43,8 +43,7 @@ from lfpipe.live.field import Estimator, LiveViews
 from lfpipe.live.records import pairs_in_need, views_of
 from lfpipe.monitor.monitor import screen_view
 from lfpipe.monitor.session_reader import Follower, Sample
-from lfpipe.render.display.display import Overlay
-from lfpipe.render.display.keys import HELP, bar_items
+from lfpipe.render.display.display import HELP, Overlay, bar_items
 from lfpipe.render.display.look import NO_HIGHLIGHT
 from lfpipe.render.display.panels import bar_panel, menu_panel, text_panel
 from lfpipe.render.display.window_system import FONT, pygame

@@ -17,8 +17,7 @@ import cv2
 import numpy as np
 
 from lfpipe.config import Render, Scene
-from lfpipe.render.display.display import Event, Item, Menu, Overlay
-from lfpipe.render.display.keys import HELP
+from lfpipe.render.display.display import HELP, Event, Item, Menu, Overlay
 from lfpipe.render.display.panels import EDGE_PX, ItemPanel, menu_panel, text_panel, top_px
 from lfpipe.render.display.window_system import pygame
 from lfpipe.render.ui.pages import Distance, calibration_page, glasses_menu, instructions

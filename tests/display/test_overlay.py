@@ -11,8 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.render.display.display import Event, Item, Menu, Notice, Overlay
-from lfpipe.render.display.keys import DEPTH, HELP, bar_items
+from lfpipe.render.display.display import DEPTH, HELP, Event, Item, Menu, Notice, Overlay, bar_items
 from lfpipe.render.display.look import NO_HIGHLIGHT
 from lfpipe.render.display.overlay_view import OverlayView
 from lfpipe.render.display.panels import EDGE_PX, ItemPanel, bar_panel

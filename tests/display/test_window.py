@@ -9,8 +9,7 @@ import numpy as np
 import pygame
 import pytest
 
-from lfpipe.render.display.display import HINT, Display, open_display, parse_display
-from lfpipe.render.display.keys import ACTION_OF
+from lfpipe.render.display.display import ACTION_OF, HINT, Display, open_display, parse_display
 from tests.support.world import until
 from tests.support.xvfb_screen import Screen, needs_xdotool, outline
 

@@ -5,8 +5,7 @@ import functools
 import attrs
 from pygame import surfarray
 
-from lfpipe.render.display.display import Event
-from lfpipe.render.display.keys import bar_items
+from lfpipe.render.display.display import Event, bar_items
 from lfpipe.render.display.look import NO_HIGHLIGHT
 from lfpipe.render.display.panels import ItemPanel, bar_panel
 from lfpipe.render.display.window import letters_px

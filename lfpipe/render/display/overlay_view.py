@@ -6,8 +6,16 @@ import time
 import attrs
 
 from lfpipe.render.display import ACCENT, RED
-from lfpipe.render.display.display import NO_EVENT, Event, Item, Menu, Overlay
-from lfpipe.render.display.keys import ACTION_OF, CLOSE, VIEWERS
+from lfpipe.render.display.display import (
+    ACTION_OF,
+    CLOSE,
+    NO_EVENT,
+    VIEWERS,
+    Event,
+    Item,
+    Menu,
+    Overlay,
+)
 from lfpipe.render.display.look import (
     AMBER,
     NO_HIGHLIGHT,

@@ -12,8 +12,17 @@ from itertools import accumulate, product
 import attrs
 
 from lfpipe.render.display import ACCENT, OFF, SECOND, TEXT
-from lfpipe.render.display.display import Event, Item, Menu, Notice, Overlay
-from lfpipe.render.display.keys import CLOSE, GROUP_OF, LABELS, USED
+from lfpipe.render.display.display import (
+    CLOSE,
+    GROUP_OF,
+    LABELS,
+    USED,
+    Event,
+    Item,
+    Menu,
+    Notice,
+    Overlay,
+)
 from lfpipe.render.display.look import (
     BORDER,
     CARD,

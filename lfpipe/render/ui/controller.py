@@ -14,9 +14,21 @@ import platformdirs
 
 from lfpipe.config import Render, choices
 from lfpipe.config.session_options import Window, is_measurable
-from lfpipe.render.display.display import HINT, Display, Event, Item, Notice, Overlay, Pointer
+from lfpipe.render.display.display import (
+    CLOSING,
+    DEPTH,
+    HELP,
+    HINT,
+    VIEWERS,
+    Display,
+    Event,
+    Item,
+    Notice,
+    Overlay,
+    Pointer,
+    bar_items,
+)
 from lfpipe.render.display.file_display import save
-from lfpipe.render.display.keys import CLOSING, DEPTH, HELP, VIEWERS, bar_items
 from lfpipe.render.presenter import Presenter
 from lfpipe.render.ui.pages import (
     GHOST,
@@ -259,7 +271,7 @@ class Ui:
         )
 
 
-# The action of each event. To add one, add a row here, and a row to `keys.KEYS` if it has a
+# The action of each event. To add one, add a row here, and a row to `display.KEYS` if it has a
 # key.
 
 Action = Callable[[Ui, Event], None]

@@ -20,8 +20,7 @@ from lfpipe.config.session_options import CameraViewer
 from lfpipe.config.session_options import Viewer as ViewerKind
 from lfpipe.eyes import EYES, EyesRecord
 from lfpipe.render.display import ACCENT, BACK, OFF, RED
-from lfpipe.render.display.display import Event, Item, Menu, Overlay
-from lfpipe.render.display.keys import VIEWERS
+from lfpipe.render.display.display import VIEWERS, Event, Item, Menu, Overlay
 from lfpipe.render.presenter import Drawing, Presenter, draw_scene
 from lfpipe.render.synthesis.anaglyph import MATRICES, Pair, arrange_stereo_pair, encode
 from lfpipe.render.synthesis.compositor import Key, recipe_for

@@ -17,8 +17,7 @@ from lfpipe.errors import UserError, plain
 from lfpipe.files.codecs import fit_area
 from lfpipe.files.safe_files import reason
 from lfpipe.host.files import exists
-from lfpipe.render.display.display import Event, Item, Menu, Overlay
-from lfpipe.render.display.keys import VIEWERS
+from lfpipe.render.display.display import VIEWERS, Event, Item, Menu, Overlay
 from lfpipe.render.ui.pages import Page
 from lfpipe.render.ui.settings import (
     QUESTION_NS,

@@ -25,8 +25,7 @@ from lfpipe.config.session_options import Viewer as ViewerKind
 from lfpipe.errors import UserError
 from lfpipe.host.files import exists
 from lfpipe.notices import notices
-from lfpipe.render.display.display import Event, Item, Notice
-from lfpipe.render.display.keys import VIEWERS
+from lfpipe.render.display.display import VIEWERS, Event, Item, Notice
 from lfpipe.render.synthesis.viewpoint import zero_plane_px, zero_planes_px
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.scene.lightfield import HARDLY_FIT, remember, undecided
