@@ -19,8 +19,8 @@ from lfpipe.bench.runner import Offer, Prepared, Variant, cpu_ms
 from lfpipe.config import LiveSource
 from lfpipe.live.field import Estimator, LiveViews
 from lfpipe.live.records import Pair, views_of
+from lfpipe.render.plan import psnr_db
 from lfpipe.render.synthesis.compositor import ViewRenderer
-from lfpipe.render.synthesis.scoring import psnr_db
 from lfpipe.scene.optical_flow import displaced
 
 SCALES, FRAMES = (0.5, 1.0), (12, 48)  # quick and full

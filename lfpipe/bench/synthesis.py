@@ -16,8 +16,8 @@ from lfpipe.bench.results import Value, mean_of
 from lfpipe.bench.runner import Offer, Prepared, Variant, cpu_ms
 from lfpipe.config import Render
 from lfpipe.config.quality import METHODS, SIZES, WARPS
+from lfpipe.render.plan import psnr_db
 from lfpipe.render.synthesis.compositor import Compositor, ViewRenderer
-from lfpipe.render.synthesis.scoring import psnr_db
 from lfpipe.render.synthesis.viewpoint import Position
 from lfpipe.scene.disparity import estimate_disparity, quantised, scale_for
 from lfpipe.scene.lightfield import LightField

@@ -24,8 +24,8 @@ from lfpipe.bench.synthesis import left_out, subsample, view_at
 from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.errors import UserError
 from lfpipe.host.worker import install_command
+from lfpipe.render.plan import psnr_db
 from lfpipe.render.synthesis.compositor import ViewRenderer
-from lfpipe.render.synthesis.scoring import psnr_db
 from lfpipe.render.synthesis.viewpoint import Position
 from lfpipe.scene.lightfield import LightField
 

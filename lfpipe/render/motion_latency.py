@@ -128,8 +128,7 @@ class MotionLatency:
             y = sum([f.y for f in frames]) / len(frames)
             if max([math.hypot(f.x - x, f.y - y) for f in frames]) < reach_px / 2:
                 self._rest = _Frame(last.t_ns, x, y, last.eye_distance_px)
-        rest = self._rest
-        if rest is None:
+        if (rest := self._rest) is None:
             return
         before_px = math.hypot(last.x - rest.x, last.y - rest.y)
         now_px = math.hypot(frame.x - rest.x, frame.y - rest.y)

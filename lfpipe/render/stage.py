@@ -55,9 +55,9 @@ from lfpipe.render.listeners import (
 )
 from lfpipe.render.live_input import LiveInput
 from lfpipe.render.motion_latency import MotionLatencyRow
+from lfpipe.render.plan import measure_costs
 from lfpipe.render.presenter import DisplayTime, EyesSource, Listener, Presenter
 from lfpipe.render.synthesis.compositor import Painters, open_painters
-from lfpipe.render.synthesis.scoring import measure_costs
 from lfpipe.render.ui.controller import Ui
 from lfpipe.render.ui.settings import Files
 from lfpipe.render.viewer.mouse_look import MouseLook

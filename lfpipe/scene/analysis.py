@@ -1,7 +1,7 @@
 """Analysis of a scene from its names and a few views, before all of them are read.
 
 A few small views measure how much of them common motion explains, and whether anything moves
-between them. Scores of held-out views select the rendering method (`render.synthesis.scoring`).
+between them. Scores of held-out views select the rendering method (`render.plan`).
 A folder may hold the user's statements about its views. They override detection, and settings of
 the session override them:
 

@@ -83,7 +83,7 @@ class MethodScores:
     """By method, of held-out views; empty if none can be held out."""
     errors: Mapping[str, Sequence[float]] = attrs.field(factory=dict)
     """By method, at each of `config.quality.SIZES`: the error of pictures between stored views, in
-    grey levels, see `render.synthesis.scoring`."""
+    grey levels, see `render.plan`."""
 
 
 @attrs.frozen(kw_only=True)

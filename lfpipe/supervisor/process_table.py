@@ -19,7 +19,7 @@ from lfpipe.transport.context import Stage as Stage
 from lfpipe.transport.ring import RingSpec
 
 # scores a scene's methods; run by the packer, which must not import the rendering packages
-SCORER = "lfpipe.render.synthesis.scoring:scores"
+SCORER = "lfpipe.render.plan:scores"
 FRAMES_BYTES = 16 << 20
 
 

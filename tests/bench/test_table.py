@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from lfpipe.bench import table as metrics
 from lfpipe.bench.results import Results
 from lfpipe.bench.table import Protocol, measure_scenes
-from lfpipe.render.synthesis.scoring import psnr_db
+from lfpipe.render.plan import psnr_db
 from lfpipe.scene.lightfield import LightField
 from tests.bench.inputs import wall
 from tests.support.examples import examples

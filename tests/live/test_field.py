@@ -9,8 +9,8 @@ from lfpipe.config import LiveSource, Render
 from lfpipe.live.field import Estimator, LiveViews, summary_of
 from lfpipe.live.records import pairs_in_need
 from lfpipe.render.live_input import LiveInput
+from lfpipe.render.plan import psnr_db
 from lfpipe.render.synthesis.compositor import Compositor
-from lfpipe.render.synthesis.scoring import psnr_db
 from lfpipe.scene.lightfield import UNKNOWN, LightField
 from lfpipe.transport.ring import MS_NS, SECOND_NS, Stamp
 from tests.live import made

@@ -6,7 +6,7 @@ import attrs
 import numpy as np
 import pytest
 
-from lfpipe.render.synthesis.scoring import scores
+from lfpipe.render.plan import scores
 from lfpipe.scene.analysis import best_method
 from lfpipe.scene.lightfield import LightField
 from tests.render import rendered

@@ -13,9 +13,9 @@ from hypothesis.extra import numpy as arrays
 
 from lfpipe.config import Config, Render
 from lfpipe.config.tree import Method
+from lfpipe.render.plan import psnr_db
 from lfpipe.render.synthesis.compositor import Compositor
 from lfpipe.render.synthesis.scene_views import reduced_disparity
-from lfpipe.render.synthesis.scoring import psnr_db
 from lfpipe.render.viewer.viewer import Canvas, Viewer
 from lfpipe.scene.lightfield import UNKNOWN
 from tests.render import rendered

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lfpipe.config.quality import WARPS
+from lfpipe.render.plan import psnr_db
 from lfpipe.render.synthesis import warper
 from lfpipe.render.synthesis.engine import Synthesiser
 from lfpipe.render.synthesis.scene_views import SceneViews, size_of
-from lfpipe.render.synthesis.scoring import psnr_db
 from lfpipe.render.synthesis.viewpoint import Position
 from lfpipe.render.synthesis.warper import Blocks, places
 from lfpipe.scene.lightfield import LightField

@@ -16,7 +16,7 @@ import pytest
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.render.synthesis.scoring import scores
+from lfpipe.render.plan import scores
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import (
     DamagedPackError,

@@ -411,14 +411,14 @@ def caption_panels(
     unit, large_px = unit_px(text_px), round(CAPTION * text_px)
     title, *lines = filter(None, overlay.caption)
     wrap_px = round(0.6 * window_px[0])
-    parts = [written(title, round(HEADING * large_px), TEXT, True, wrap_px)]
-    parts += [written(line, large_px, SECOND, wrap_px=wrap_px) for line in lines]
-    about = _stacked(parts, unit_px(large_px))
+    heading = written(title, round(HEADING * large_px), TEXT, True, wrap_px)
+    texts = [written(line, large_px, SECOND, wrap_px=wrap_px) for line in lines]
+    about = _stacked([heading, *texts], unit_px(large_px))
     panels = [ItemPanel(surface=about, at=(EDGE_PX, bottom_px - about.get_height()))]
     if overlay.items:
         turns = notice_panel(Notice("", overlay.items), 0, True, window_px, large_px, lit)
-        right, height = window_px[0] - EDGE_PX, turns.rect.bottom
-        at = right - turns.surface.get_width(), bottom_px - height
+        width, height = turns.surface.get_size()
+        at = window_px[0] - EDGE_PX - width, bottom_px - height
         panels.append(attrs.evolve(turns, at=at))
     if overlay.elapsed is not None:
         time_bar = pygame.Surface((window_px[0], unit // 2))

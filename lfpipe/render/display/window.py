@@ -218,8 +218,8 @@ class ScreenWindow(Display):
         shown_px = self._shown_px * self._zoom.factor
         if self.monitor.pixel_mm:
             return shown_px * self.monitor.pixel_mm
-        scaled = self._painter.size_px()[0] / self._window.size[0]
-        return shown_px / (self.monitor.width * scaled) * PICTURE_MM
+        width_px = self.monitor.width * self._painter.size_px()[0] / self._window.size[0]
+        return shown_px / width_px * PICTURE_MM
 
     def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
         """Returns the time at which the window system accepted the picture."""

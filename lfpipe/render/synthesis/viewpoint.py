@@ -67,8 +67,7 @@ def pair_clamped(
         room,
         max(edge + extrapolate_views - room - abs(half), 0.0),
     )
-    low = -extrapolate_views
-    high = count - 1 + extrapolate_views
+    low, high = -extrapolate_views, count - 1 + extrapolate_views
     return min(max(middle - half, low), high), min(max(middle + half, low), high)
 
 
@@ -101,8 +100,7 @@ class ViewSolver:
         centre_px: tuple[float, float],
         method: str = "warp2",
     ) -> None:
-        self.rows = rows
-        self.cols = cols
+        self.rows, self.cols = rows, cols
         self._render = render
         self._middle = (rows - 1) / 2, (cols - 1) / 2
         self.alpha_px = alpha_px
@@ -162,22 +160,18 @@ class ViewSolver:
         """
         left_u, left_v, right_u, right_v = eyes_px
         (r0, c0), (cx, cy) = self._middle, self.centre_px
-        # halve first: the sum of two finite numbers may overflow
-        middle_v = left_v / 2 + right_v / 2
-        # a single row has no vertical parallax: ignore the height
+        # Halve first: the sum of two finite numbers may overflow. A single row has no vertical
+        # parallax: ignore the height.
         row = limited(
-            r0 + self._steps(middle_v - cy),
+            r0 + self._steps(left_v / 2 + right_v / 2 - cy),
             0.0,
             self.rows - 1.0,
             self._reach if self.rows > 1 else 0.0,
         )
         left, right = c0 + self._steps(cx - left_u), c0 + self._steps(cx - right_u)
         if self._render.keep_depth:
-            left, right = pair_clamped(left, right, self.cols, self._reach)
-        else:
-            last = self.cols - 1.0
-            left = limited(left, 0.0, last, self._reach)
-            right = limited(right, 0.0, last, self._reach)
+            return row, *pair_clamped(left, right, self.cols, self._reach)
+        left, right = (limited(col, 0.0, self.cols - 1.0, self._reach) for col in (left, right))
         return row, left, right
 
     def positions(self, place: Place) -> tuple[Position, Position]:

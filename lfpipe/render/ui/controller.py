@@ -218,8 +218,9 @@ class Ui:
             *standing_notices(self.context, self._display.knows_rows),
         ]
         is_demo = viewer_kind(options.viewer) == "demo" and name in DEMOS
-        if is_demo and isinstance(display, Window) and not (is_locked or self.dismissed):
-            standing += [RECORDED_FACE] * (self.page is None)
+        is_quiet = is_locked or self.dismissed or self.page is not None
+        if is_demo and isinstance(display, Window) and not is_quiet:
+            standing.append(RECORDED_FACE)
         page = self.page.overlay(t_ns) if self.page else Overlay()
         if is_locked:
             page = self._caption(standing)

@@ -86,11 +86,6 @@ class Parallax:
         )
 
 
-def alpha_is_automatic(config: Config) -> bool:
-    """Whether alpha is computed from the viewer's distance, instead of given."""
-    return isinstance(config.render.alpha_px, str)
-
-
 def parallax(
     config: Config,
     field: LightField,

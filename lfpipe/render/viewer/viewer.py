@@ -27,7 +27,7 @@ from lfpipe.eyes import (
 from lfpipe.files.codecs import fit_area
 from lfpipe.render.synthesis.compositor import Compositor, Painters
 from lfpipe.render.synthesis.viewpoint import Place, Position, ViewSolver
-from lfpipe.render.viewer.geometry import Parallax, alpha_is_automatic, parallax
+from lfpipe.render.viewer.geometry import Parallax, parallax
 from lfpipe.render.viewer.presence import (
     ABSENT_S,
     Presence,
@@ -151,7 +151,8 @@ class Viewer:
         if not completed:
             self.parallax = self.solver = None
             self._easing = ViewEasing()
-            self._auto = alpha_is_automatic(config)
+            # whether alpha follows from the viewer's distance, instead of being given
+            self._auto = isinstance(config.render.alpha_px, str)
             self._size_px = (0, 0)  # of the camera picture
         self.field, self.config, self._share = field, config, share
         self._next = None
@@ -402,9 +403,8 @@ class Viewer:
         self._dragged = False
         moving = self.presence.state in (ViewerState.ARRIVING, ViewerState.EXCHANGED)
         if moving and eyes_px is not None and not self._neutral_is_fixed:
-            inside_px = solver.dragged(centre_px, eyes_px)
-            self._dragged = inside_px != centre_px
-            centre_px = inside_px
+            before_px, centre_px = centre_px, solver.dragged(centre_px, eyes_px)
+            self._dragged = centre_px != before_px
             if self.presence.settled:
                 share = low_pass_gain(dt_s, DISTANCE_S)
                 (cx, cy), (x, y) = centre_px, middle_of(eyes_px)
