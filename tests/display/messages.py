@@ -1,6 +1,7 @@
 """Refusals of displays. The tests of this package run without a screen unless they ask for one."""
 
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -21,7 +22,7 @@ LIST = (
 )
 
 
-def on_screen(name: str, spec: str) -> None:
+def on_screen(name: str, spec: str, _: Path) -> None:
     """Checks a display where the environment names that screen."""
     with pytest.MonkeyPatch.context() as patch:
         for variable in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
@@ -38,17 +39,13 @@ def no_encoder(here: Path) -> None:
         check_display(parse_display(f"file:{here}/a.mp4"))
 
 
-def nowhere_on(name: str) -> Cause:
-    return lambda _: on_screen(name, "window")
-
-
 def displayed(spec: str) -> Cause:
     return lambda _: check_display(parse_display(spec))
 
 
 MESSAGES: dict[str, tuple[Cause, str]] = {
     "no screen": (
-        lambda here: on_screen("", "fullscreen"),
+        partial(on_screen, "", "fullscreen"),
         (
             "--display fullscreen: no screen here (neither WAYLAND_DISPLAY nor DISPLAY is set)\n "
             f" remedy: {ELSEWHERE}"
@@ -56,7 +53,7 @@ MESSAGES: dict[str, tuple[Cause, str]] = {
     ),
     **{
         f"dead screen {name}": (
-            nowhere_on(name),
+            partial(on_screen, name, "window"),
             f"--display window: no screen here ({name} does not answer)\n  remedy: {ELSEWHERE}",
         )
         for name in (":97", "unix:97", "localhost:97.0", "rubbish", ":")

@@ -99,10 +99,7 @@ def test_mouse_session_is_recorded_and_played_again(
     world.wait_for(recorded_frames, "first frame of the recording")
     moves = " ".join(f"mousemove {x} 500 sleep 0.03" for x in range(300, 1200, 30))
     world.xdotool(*moves.split())
-    moved = recorded_frames()
-    world.wait_for(lambda: recorded_frames() > max(60, moved), "recording of the motion")
-    states = {name: stage["state"] for name, stage in world.monitor()["stages"].items()}
-    assert states.pop("render") == "RUNNING" and set(states.values()) == {"NONE"}
+    world.wait_for(lambda: recorded_frames() > 60, "recording of the motion")
     world.ctl("record", "stop")
     world.wait_for(lambda: json.loads((out / "manifest.json").read_text())["complete"], "manifest")
     world.ctl("stop")
@@ -115,13 +112,9 @@ def test_mouse_session_is_recorded_and_played_again(
         left, right = recorded.eyes(packet.seq)["raw_px"].tolist()
         assert line["eyes_raw"] == {"left": left, "right": right}
     world.done("replay", out, "--scene", scene, "--out", world.root / "one")
-    lines = [
-        json.loads(line) for line in (world.root / "one" / "trace.jsonl").read_text().splitlines()
-    ]
-    assert (
-        len(lines) == len(recorded.packets)
-        and np.ptp([line["view"]["left"][1] for line in lines]) > 0.5
-    )
+    lines = (world.root / "one" / "trace.jsonl").read_text().splitlines()
+    cols = [json.loads(line)["view"]["left"][1] for line in lines]
+    assert len(cols) == len(recorded.packets) and np.ptp(cols) > 0.5
 
 
 def test_mouse_session_without_a_window_is_refused(world: World, scene: Path) -> None:

@@ -17,7 +17,6 @@ from lfpipe.render.viewer.presence import (
 )
 from tests.support.examples import examples
 
-FRAME_NS = 33_333_333
 HOME = RestingEyes(300.0, 200.0, 60.0)
 N, A, SE, L, E = ViewerState
 
@@ -29,7 +28,7 @@ def watched(*faces: tuple[RestingEyes | None, float, int]) -> tuple[Presence, Re
     rest = None
     for here, seconds, generation in faces:
         for _ in range(int(seconds * 30) + 1):
-            t_ns += FRAME_NS
+            t_ns += 33_333_333
             rest = subject.update(t_ns, here, generation)
     return subject, rest
 

@@ -90,4 +90,3 @@ def test_viewer_draws_what_the_screen_shows_and_never_waits_for_it() -> None:
         viewer.set_quality(viewer.config)
         preparer.submit(int).result()
         assert viewer.update_compositor() and viewer.compositor.size_px == (200, 240)
-        assert not viewer.update_compositor()

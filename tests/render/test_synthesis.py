@@ -73,11 +73,10 @@ def test_synthesiser_uses_the_offsets_of_cameras() -> None:
     field = rendered.field(3, 3, 96, 96)
     offsets = np.random.default_rng(5).uniform(-0.4, 0.4, (3, 3, 2)).astype(np.float32)
     views = field.views.copy()
-    for row in range(3):
-        for col in range(3):
-            views[0, row, col] = rendered.view(
-                offsets[row, col, 0] + row - 1, offsets[row, col, 1] + col - 1, 96, 96
-            )
+    for row, col in np.ndindex(3, 3):
+        views[0, row, col] = rendered.view(
+            offsets[row, col, 0] + row - 1, offsets[row, col, 1] + col - 1, 96, 96
+        )
     field = attrs.evolve(field, views=views)
     knowing = attrs.evolve(field, offsets=offsets)
     middle = offsets[:2, :2].mean(axis=(0, 1)) - 0.5  # of the four cameras around (0.5, 0.5)

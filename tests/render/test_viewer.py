@@ -96,14 +96,11 @@ def seen_px(
     """
     focal_px = camera_focal_px(config, SIZE[0])
     t = math.radians(tilt_deg)
-    eyes = []
-    for side in (0.5, -0.5):
-        x, y, z = point_mm + np.array([side * EYES_MM, above_mm, 0.0])
-        down = y * math.cos(t) - z * math.sin(t)
-        depth = y * math.sin(t) + z * math.cos(t)
-        eyes.append([focal_px * x / depth + SIZE[0] / 2, focal_px * down / depth + SIZE[1] / 2])
-    found = np.array(eyes)
-    return found, float(np.hypot(*(found[0] - found[1])))
+    offsets_mm = [[EYES_MM / 2, above_mm, 0], [-EYES_MM / 2, above_mm, 0]]
+    x, y, z = np.add(point_mm, offsets_mm).T
+    down, depth = y * math.cos(t) - z * math.sin(t), y * math.sin(t) + z * math.cos(t)
+    eyes_px = focal_px * np.column_stack([x, down]) / depth[:, None] + np.array(SIZE) / 2
+    return eyes_px, math.dist(*eyes_px)
 
 
 @given(heights, tilts, st.floats(-150, 150), st.floats(-150, 150), st.floats(350, 1500))
