@@ -90,10 +90,6 @@ class ControlSockets:
             self.fds = [self._ctl, self._bus]  # that wake the supervisor
             self.close = parts.pop_all().close
 
-    def wait(self, milliseconds: int) -> bool:
-        """Waits for a message; returns whether one has arrived."""
-        return bool(zmq.select(self.fds, [], [], milliseconds / 1e3)[0])
-
     def messages(self) -> Iterator[Request | Message]:
         """Yields the requests and the valid telemetry that have arrived, at most MOST of each, and
         passes the telemetry on to tap.

@@ -25,7 +25,7 @@ from lfpipe.errors import UserError, plain, redacted
 from lfpipe.host import signals
 from lfpipe.host.files import Lock, allow_files
 from lfpipe.host.worker import usable_cores
-from lfpipe.notices import Fault, faults
+from lfpipe.notices import FAULT_NS, Fault, faults
 from lfpipe.scene.pack import Packing
 from lfpipe.supervisor import child, process_table, rundir
 from lfpipe.supervisor.control_sockets import (
@@ -37,7 +37,7 @@ from lfpipe.supervisor.control_sockets import (
 from lfpipe.supervisor.metrics import QualityControl, SessionMetrics, session_metrics
 from lfpipe.supervisor.process_table import NAMES, SHOWN_BY, SOURCE, STAGES, TRACKED_BY, Stage
 from lfpipe.supervisor.requests import Reply, on_complete, on_load, respond
-from lfpipe.supervisor.session_state import SessionState, SessionStore, Trial
+from lfpipe.supervisor.session_state import SessionState, SessionStore
 from lfpipe.supervisor.stage_process import (
     MAX_FAILURES,
     MAX_RESTARTS_WINDOW_S,
@@ -51,7 +51,10 @@ from lfpipe.transport.status import Row
 
 logger = logging.getLogger(__name__)
 PENDING_NS = 4 * MS_NS  # between two checks of the stages while answers wait for them
-LAST_MS = 20  # without a message, until those of the stages that have ended were read
+LAST_S = 0.02  # without a message, until those of the stages that have ended were read
+# counted after all stages have applied a change; a stage that cannot use it fails sooner, and a
+# part that does not work is reported by then
+TRIAL_NS = FAULT_NS
 IDLE_NS = 10 * SECOND_NS  # longer than a viewer turns away or leans out
 ASKED_OFTEN = ("hello", "status", "pictures")  # requests that change nothing
 SHOWN_TOPICS = ("source", "notice")  # telemetry for people
@@ -121,7 +124,8 @@ class LiveSession:
             self.close = parts.pop_all().close  # stops the stages and removes the memory
         self._apply = self._store.apply
         self._pending = PendingAnswers()
-        self._trial = Trial()
+        # since when all stages work with the newest change, and their outputs then
+        self._trial: tuple[int, dict[str, int]] | None = None
         self._quality = QualityControl(self._cpus)
         self._reduced = False  # whether the user knows
         self._faults: list[Fault] = []  # the last ones
@@ -189,7 +193,9 @@ class LiveSession:
         if outcome.failure is None:
             outcome = self._with_failure(outcome)
         end_ns = now_ns() + SECOND_NS
-        while self._sockets.wait(LAST_MS) and now_ns() < end_ns:  # the last ones of the stages
+        while (
+            zmq.select(self._sockets.fds, [], [], LAST_S)[0] and now_ns() < end_ns
+        ):  # the last ones of the stages
             self._receive_messages()
         self._deliver()
         return attrs.evolve(outcome, final=final)
@@ -211,7 +217,10 @@ class LiveSession:
         row = process.row
         state = self.state
         mistake = process.mistake() if code == child.EXIT_USER else None
-        if self._trial.to_blame(state, code, int(row["config_rev"]) >= state.rev):
+        # once a stage has acknowledged a change, only its own error is blamed on it
+        own_error = code > 0 and code != child.EXIT_TERMINATED
+        is_new = state.revertible != state.known_good
+        if is_new and (own_error or int(row["config_rev"]) < state.rev):
             self._undo(name, mistake or UserError(f"{name} fails with it"))
             return
         first = not row["seq"]  # it has never worked
@@ -255,12 +264,20 @@ class LiveSession:
         self.notify(f"the last change is rolled back: {why}")
 
     def _confirm_change(self) -> None:
-        """Marks the newest change as known to work once every stage works with it."""
-        state = self.state
+        """Marks the newest change as known to work once every stage has used it and produced
+        outputs for TRIAL_NS.
+        """
+        state, t_ns = self.state, now_ns()
         processes = self.stages.needed(state.options)
         outputs = {process.stage.name: int(process.row["seq"]) for process in processes}
         applied = self.stages.have_applied(state.rev, state.options)
-        if self._trial.watch(state, applied, outputs, now_ns()):
+        if state.revertible == state.known_good or not applied:
+            self._trial = None
+        elif self._trial is None:
+            self._trial = t_ns, outputs
+        elif t_ns - self._trial[0] >= TRIAL_NS and all(
+            count > self._trial[1].get(name, 0) for name, count in outputs.items()
+        ):
             self._apply(state.settled())
 
     def _start_stages(self) -> None:
@@ -594,8 +611,8 @@ def run_session(
     def on_signal(signum: int, _frame: FrameType | None) -> None:
         again = signum in signums and signum not in signals.SENT_TWICE
         signums.append(signum)
-        if again and live is not None:  # the second Ctrl-C ends at once
-            live.stages.kill()
+        for process in live.stages if again and live is not None else ():
+            process.signal(signals.KILL)  # the second Ctrl-C ends at once
 
     with _acquired(session) as lock:
         try:

@@ -1,6 +1,6 @@
 """The state of a session: one frozen value. Every change is a pure function from one state to the
-next. `Trial` decides whether a change has worked; `SessionStore` keeps the newest state with the
-shared memory that it needs, which only the supervisor creates and removes.
+next. `SessionStore` keeps the newest state with the shared memory that it needs, which only the
+supervisor creates and removes.
 """
 
 from __future__ import annotations
@@ -29,9 +29,7 @@ from lfpipe.config.quality import first_level, quality_levels
 from lfpipe.config.session_options import Lossless, watching
 from lfpipe.host.files import Segment, make_fifo
 from lfpipe.live.records import live_rings
-from lfpipe.notices import FAULT_NS
 from lfpipe.scene.pack import hold_pack
-from lfpipe.supervisor.child import EXIT_TERMINATED
 from lfpipe.supervisor.process_table import (
     LASTING,
     METRICS,
@@ -45,11 +43,6 @@ from lfpipe.supervisor.process_table import (
 from lfpipe.transport import control, ring, status
 from lfpipe.transport.control import Message, Session
 from lfpipe.transport.ring import RingSpec
-
-# counted after all stages have applied a change; a stage that cannot use it fails sooner, and a
-# part that does not work is reported by then
-TRIAL_NS = FAULT_NS
-
 
 # the options that a stage may fail on; with the configuration, they can be rolled back
 REVERTIBLE = ("scene", "viewer", "playlist", "playlist_at")
@@ -222,45 +215,6 @@ class SessionState:
         """With the rings that stages request."""
         rings = asked_for(self.options)
         return self if rings == self.options.asked_for else self._with(asked_for=rings)
-
-
-class Trial:
-    """Checks whether the stages can use the newest change."""
-
-    def __init__(self) -> None:
-        self._since_ns: int | None = None
-        self._outputs: dict[str, int] = {}
-
-    def watch(
-        self, state: SessionState, applied: bool, outputs: Mapping[str, int], t_ns: int
-    ) -> bool:
-        """Whether a change is confirmed: every stage has used it and produced outputs for TRIAL_NS.
-        Call often.
-
-        outputs: number of outputs of each stage so far.
-        """
-        if state.revertible == state.known_good or not applied:
-            self._since_ns = None
-        elif self._since_ns is None:
-            self._since_ns = t_ns
-            self._outputs = dict(outputs)
-        elif t_ns - self._since_ns >= TRIAL_NS and all(
-            n > self._outputs.get(name, 0) for name, n in outputs.items()
-        ):
-            self._since_ns = None
-            return True
-        return False
-
-    def to_blame(self, state: SessionState, code: int, applied: bool) -> bool:
-        """Whether a stage that ended with code most likely failed because of the newest change.
-
-        applied: the stage had acknowledged the change; after that, only its own error counts.
-        """
-        own_error = code > 0 and code != EXIT_TERMINATED
-        if state.revertible == state.known_good or (applied and not own_error):
-            return False
-        self._since_ns = None
-        return True
 
 
 class SessionStore:

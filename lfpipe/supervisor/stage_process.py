@@ -295,11 +295,6 @@ class StageProcesses:
             int(process.row["config_rev"]) >= rev for process in self.needed(options, or_alive=True)
         )
 
-    def kill(self) -> None:
-        """Ends all stages immediately, after a second Ctrl-C."""
-        for process in self:
-            process.signal(signals.KILL)
-
     def stop(self) -> None:
         """Asks all stages to stop, then waits for all."""
         for process in self:

@@ -90,4 +90,4 @@ def _serve_once(sockets: ControlSockets) -> None:
             sockets.answer(request, 5, {"ok": True})
         except BadMessage as error:
             sockets.answer(request, 5, {"ok": False, "error": str(error)})
-    sockets.wait(10)
+    zmq.select(sockets.fds, [], [], 0.01)

@@ -21,8 +21,7 @@ from lfpipe.host import signals
 from lfpipe.supervisor import requests, session, stage_process
 from lfpipe.supervisor.child import EXIT_USER, crash_report_path
 from lfpipe.supervisor.control_sockets import EXECUTE_NS
-from lfpipe.supervisor.session import IDLE_NS, INTERNAL, LiveSession, Outcome
-from lfpipe.supervisor.session_state import TRIAL_NS
+from lfpipe.supervisor.session import IDLE_NS, INTERNAL, TRIAL_NS, LiveSession, Outcome
 from lfpipe.supervisor.stage_process import MAX_FAILURES
 from lfpipe.transport import control
 from lfpipe.transport.control import Session
