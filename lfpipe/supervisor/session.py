@@ -193,9 +193,8 @@ class LiveSession:
         if outcome.failure is None:
             outcome = self._with_failure(outcome)
         end_ns = now_ns() + SECOND_NS
-        while (
-            zmq.select(self._sockets.fds, [], [], LAST_S)[0] and now_ns() < end_ns
-        ):  # the last ones of the stages
+        # the last messages of the stages
+        while zmq.select(self._sockets.fds, [], [], LAST_S)[0] and now_ns() < end_ns:
             self._receive_messages()
         self._deliver()
         return attrs.evolve(outcome, final=final)
