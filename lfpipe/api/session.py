@@ -162,9 +162,7 @@ class Attachment(Closing):
 
     def _next(self, ring: str, out: NDArray[Any], timeout_s: float) -> Stamp:
         end = time.monotonic() + timeout_s
-        reader = self._reader(ring)
-        while (stamp := reader.read(out)) is None:
-            self._require_session()
+        while (stamp := self._reader(ring).read(out)) is None:
             if time.monotonic() > end:
                 raise UserError(
                     f"session {self.name!r} sent nothing new for {timeout_s:g} s",

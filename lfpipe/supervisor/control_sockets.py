@@ -247,8 +247,11 @@ class PendingAnswers:
                 stages = " and ".join(sorted(pending.missing))
                 limit_s = (START_NS if pending.starts else EXECUTE_NS) // SECOND_NS
                 why = f"{stages} did not execute it within {limit_s} s"
-                remedy = "check the session: `lfpipe monitor`"
-                answer = {"ok": False, "error": why, "remedy": remedy}
+                answer = {
+                    "ok": False,
+                    "error": why,
+                    "remedy": "check the session: `lfpipe monitor`",
+                }
             yield pending.request, answer, pending.then if answer["ok"] else None
 
 

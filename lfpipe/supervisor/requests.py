@@ -282,8 +282,7 @@ def _costs(state: SessionState, message: Message, _t_ns: int) -> Reply:
         map(_is_positive, (*by_method.values(), *numbers))
     ):
         raise BadMessage("costs needs `ns_per_px` by method, `picture_px` and `cores`")
-    costs = converter().structure(message, DrawingCosts)
-    return Reply(state=state.with_costs(costs))
+    return Reply(state=state.with_costs(converter().structure(message, DrawingCosts)))
 
 
 def _check_eyes(state: SessionState) -> None:

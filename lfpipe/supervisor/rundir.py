@@ -77,9 +77,8 @@ def _directories() -> Iterator[tuple[str, Path]]:
 
     Skips anything unreadable and of other names.
     """
-    base = base_dir()
     try:
-        paths = sorted(path for path in base.iterdir() if path.name.startswith(PREFIX))
+        paths = sorted(path for path in base_dir().iterdir() if path.name.startswith(PREFIX))
     except OSError:
         return
     for path in paths:

@@ -361,8 +361,9 @@ class LiveSession:
         if duration_s is None:
             return
         t_ns = now_ns()
-        processes = self.stages.needed(self.state.options)
-        if self._end_ns is None and all(process.row["ready_ns"] for process in processes):
+        if self._end_ns is None and all(
+            process.row["ready_ns"] for process in self.stages.needed(self.state.options)
+        ):
             self._end_ns = t_ns + int(duration_s * SECOND_NS)
         if self._end_ns is not None and t_ns >= self._end_ns:
             self._end("finished (--duration reached)")

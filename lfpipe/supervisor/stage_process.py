@@ -243,8 +243,9 @@ class StageProcesses:
             process.row["state"] = State.DEAD
             why = f"{process.stage.name} cannot be started: {error.strerror}"
             if process.failed():
-                remedy = "end other programs, or raise the limits of processes and memory"
-                raise UserError(why, remedy) from error
+                raise UserError(
+                    why, "end other programs, or raise the limits of processes and memory"
+                ) from error
             self._notify(f"{why}; trying again")
 
     def check(self) -> list[tuple[StageProcess, int]]:

@@ -88,11 +88,9 @@ class RingInput:
         self._row = row
         self.reader = ring.Reader(session.segment(name))
         self.wake = Wake(session.wake(name, spec.name))
-        self._credit: Wake | None = None
-        self._lock_step = False
-        if isinstance(clock, Lossless):
-            self._credit = Wake(session.credit(name, spec.name))
-            self._lock_step = clock.lock_step
+        is_lossless = isinstance(clock, Lossless)
+        self._credit = Wake(session.credit(name, spec.name)) if is_lossless else None
+        self._lock_step = isinstance(clock, Lossless) and clock.lock_step
         self._index = spec.ring_index(name)
         self._read_seq = row.record["taken_seq"].data
         seq = int(self._read_seq[self._index])
@@ -186,15 +184,12 @@ class RingOutput:
             (Wake(session.wake(name, reader)), table.rows[reader]["state"].reshape(1).data)
             for reader in readers
         ]
-        self._lock_step = False
-        self._rows: list[NDArray[Any]] = []
-        self.credits: list[Wake] = []
-        if isinstance(clock, Lossless):
-            self._lock_step = clock.lock_step
-            # number of slots that readers may be behind
-            self._ahead = 0 if clock.lock_step else max(0, self.writer.slots - 4)
-            self._rows = [table.rows[reader] for reader in readers]
-            self.credits = [Wake(session.credit(name, reader)) for reader in readers]
+        self._lock_step = isinstance(clock, Lossless) and clock.lock_step
+        # number of slots that readers may be behind
+        self._ahead = 0 if self._lock_step else max(0, self.writer.slots - 4)
+        waits_for = readers if isinstance(clock, Lossless) else []
+        self._rows = [table.rows[reader] for reader in waits_for]
+        self.credits = [Wake(session.credit(name, reader)) for reader in waits_for]
 
     def begin(self) -> NDArray[Any]:
         """The slot to fill, in place."""
