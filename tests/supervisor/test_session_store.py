@@ -45,10 +45,6 @@ def test_the_pack_of_a_session_stays_while_no_stage_has_it_open(
     assert remove(Path(second.pack))
 
 
-def test_a_leased_ring_has_a_name_of_its_own() -> None:
-    assert len({made_state().with_pictures(5).options.pictures for _ in range(20)}) == 20
-
-
 CAMERA = attrs.evolve(VIEWER, jpeg_px=None)
 LIVE = LiveSource(source="row:a,b", rows=1, cols=2, tiles_across=2, frame_px=(64, 24))
 
