@@ -81,23 +81,19 @@ class LiveScene(Closing):
             raise UserError("rows 1, cols 1: one view has no parallax", "use two views or more")
         self.name = name
         self._shape = rows, cols, size_px[1], size_px[0], 3
-        self._parts = contextlib.ExitStack()
         in_use = UserError(
             f"live scene {name!r} is in use", "end the other program, or use another name"
         )
-        lock = rundir.acquire_directory(directory_of(name), in_use)
-        self._parts.callback(rundir.remove, directory_of(name), lock)
-        try:
+        with contextlib.ExitStack() as parts:
+            lock = rundir.acquire_directory(directory_of(name), in_use)
+            parts.callback(rundir.remove, directory_of(name), lock)
             spec = RingSpec((), scene_dtype(rows, cols, size_px), SLOTS)
             ring.create(scene_of(name), spec).close()
             ring.create(viewpoints_of(name), VIEWPOINTS_RING).close()
-            self._writer = ring.Writer(scene_of(name))
-            self._parts.callback(self._writer.close)
-            self._viewpoints = ring.Reader(viewpoints_of(name))
-            self._parts.callback(self._viewpoints.close)
-        except BaseException:
-            self._parts.close()
-            raise
+            self._writer = parts.enter_context(contextlib.closing(ring.Writer(scene_of(name))))
+            reader = ring.Reader(viewpoints_of(name))
+            self._viewpoints = parts.enter_context(contextlib.closing(reader))
+            self._parts = parts.pop_all()
         self._at = np.zeros((), VIEWPOINTS)
         self._count = 0
 

@@ -55,8 +55,7 @@ def cameras(as_json: bool) -> None:
     --camera: camera:/dev/video0, camera:NAME.
     """
     rows: list[dict[str, Any]] = []
-    ranking = camera_list.ranked(camera_list.cameras())
-    for number, (device, doubt) in enumerate(ranking):
+    for number, (device, doubt) in enumerate(camera_list.ranked(camera_list.cameras())):
         facts: dict[str, Any] = {
             "camera": f"camera:{device.path}",
             "name": device.name,

@@ -179,8 +179,9 @@ def session(settings: config.Config) -> Check:
     settings = attrs.evolve(settings, track=attrs.evolve(settings.track, engine="litert"))
     try:
         viewer = NoViewer() if models.missing_models() else check_source("demo", settings.camera)
-        trial = Session(f"doctor.{os.getpid()}")
-        outcome = try_session(trial, settings, SessionOptions(viewer=viewer, show=False))
+        outcome = try_session(
+            Session(f"doctor.{os.getpid()}"), settings, SessionOptions(viewer=viewer, show=False)
+        )
         total_bytes, _, free_bytes = shutil.disk_usage(base_dir())
     except UserError as error:
         return Check("session", False, error.message, error.remedy)
