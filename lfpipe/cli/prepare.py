@@ -241,8 +241,7 @@ def _open_live(arguments: UpArguments, request: Request) -> SessionPlan:
     check_devices(text, live, viewer)
     name = redacted(live.source)
     field = LiveViews(live, name).field
-    scene = summary_of(live, name)
-    return _plan(arguments, request, field, viewer, scene=scene, live=live)
+    return _plan(arguments, request, field, viewer, scene=summary_of(live, name), live=live)
 
 
 def _open_packed(arguments: UpArguments, request: Request, opened: Opened) -> SessionPlan:

@@ -82,8 +82,7 @@ def pack(path: Path, as_json: bool, config: Config) -> None:
     """Pack SCENE into the cache, as `lfpipe up` does automatically."""
     field = opened(path, config)
     if as_json:
-        needs_tracking = make_plan(field, config).needs_tracking
-        session = {"pack": field.folder, "needs_tracking": needs_tracking}
+        session = {"pack": field.folder, "needs_tracking": make_plan(field, config).needs_tracking}
         print_result(json.dumps({**session, **attrs.asdict(field.manifest)}))
     else:
         print_result(field.folder)

@@ -153,9 +153,11 @@ class XPresentation:
             self._xcb.xcb_disconnect(self._connection)
             raise OSError("the X server has no Present extension")
         self._opcode = int(extension.contents.major_opcode)
-        events = self._xcb.xcb_generate_id(self._connection)
         self._present.xcb_present_select_input(
-            self._connection, events, window, _COMPLETE_NOTIFY_MASK
+            self._connection,
+            self._xcb.xcb_generate_id(self._connection),
+            window,
+            _COMPLETE_NOTIFY_MASK,
         )
         self._xcb.xcb_flush(self._connection)
 

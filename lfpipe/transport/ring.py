@@ -177,8 +177,12 @@ def create(path: Path, spec: RingSpec) -> Segment:
     fence()  # fails on a machine without fences here, before the first process starts
     memory = create_segment(path, spec.size_bytes)
     buffer = memory.buf
-    head = np.frombuffer(buffer, "<i8", 5)
-    head[1:] = spec.slots, spec.stride, spec.payload_bytes, len(description)
+    np.frombuffer(buffer, "<i8", 4, 8)[:] = (
+        spec.slots,
+        spec.stride,
+        spec.payload_bytes,
+        len(description),
+    )
     buffer[DESCRIPTION : DESCRIPTION + len(description)] = description
     np.frombuffer(buffer, "<i8", 1, EPOCH)[0] = -1  # so that the first writer's epoch is 0
     buffer[: len(MAGIC)] = MAGIC

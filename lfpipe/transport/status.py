@@ -291,8 +291,7 @@ def create(path: Path, stages: Mapping[str, MetricSet]) -> Segment:
         raise ValueError(f"{len(stages)} stages with {len(declared)} bytes of metrics do not fit")
     memory = create_segment(path, SIZE_BYTES)
     buffer = memory.buf
-    table = np.frombuffer(buffer, ROW, PAGE_ROWS, ROWS_AT)
-    table["name"][: len(stages)] = [stage.encode() for stage in stages]
+    np.frombuffer(buffer, ROW, len(stages), ROWS_AT)["name"] = [one.encode() for one in stages]
     buffer[SLOT_HEADER : SLOT_HEADER + len(declared)] = declared
     np.frombuffer(buffer, "<i8", 2, len(MAGIC))[:] = LAYOUT, len(declared)
     buffer[: len(MAGIC)] = MAGIC

@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.host.files import WrongSegment
-from lfpipe.supervisor.process_table import STAGES
 from lfpipe.transport import control, status
 from lfpipe.transport.ring import Ticker
 from lfpipe.transport.status import (
@@ -205,12 +204,6 @@ def test_decode_refuses_hostile_sizes_depths_and_types() -> None:
             control.decode(data)
 
 
-def test_request_to_nobody_is_refused_in_time(tmp_path: Path) -> None:
-    assert "did not answer within 0.2 s" in str(
-        refusal(control.request, tmp_path, {"cmd": "status"}, timeout_s=0.2)
-    )
-
-
 @pytest.mark.native("sockets with a path")
 def test_request_ends_with_a_session_that_ends_before_it_answers(tmp_path: Path) -> None:
     def serve() -> None:
@@ -234,16 +227,3 @@ def test_report_health_keeps_the_time_of_the_first_fault() -> None:
     assert row["fault_since_ns"] == since_ns > 0 and row["outputs_faulty"] == 2
     row.report_health("", False)
     assert not row.record["fault"].item() and row["outputs_ok"] == 1, "nobody there proves nothing"
-
-
-def test_status_table_has_room_for_the_stages_of_other_packages(tmp_path: Path) -> None:
-    """Two beside `share` were too many."""
-    path = tmp_path / "status"
-    stages = {stage.name: stage.metrics for stage in STAGES} | dict.fromkeys(
-        map(str, range(8)), NO_METRICS
-    )
-    memory = status.create(path, stages)
-    table = status.Table(path)
-    assert set(table.rows) == set(stages)
-    table.close()
-    memory.remove()
