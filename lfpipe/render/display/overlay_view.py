@@ -82,8 +82,7 @@ class OverlayView:
 
     def set(self, overlay: Overlay) -> None:
         """Replaces the overlay."""
-        old = self._overlay.menu
-        menu = overlay.menu
+        old, menu = self._overlay.menu, overlay.menu
         if menu is not None:
             self._at = (
                 menu.at

@@ -178,15 +178,13 @@ def connection_fds(window: pygame.Window) -> tuple[int, ...] | None:
         _X11: ("libX11.so.6", "XConnectionNumber"),
         _WAYLAND: ("libwayland-client.so.0", "wl_display_get_fd"),
     }
-    if system not in names or not display:
-        return None
-    library, name = names[system]
-    try:
-        function = getattr(ctypes.CDLL(library), name)
-    except (OSError, AttributeError):
-        return None
-    function.argtypes = [ctypes.c_void_p]
-    return (int(function(display)),)
+    if system in names and display:
+        library, name = names[system]
+        with contextlib.suppress(OSError, AttributeError):
+            function = getattr(ctypes.CDLL(library), name)
+            function.argtypes = [ctypes.c_void_p]
+            return (int(function(display)),)
+    return None
 
 
 def open_presentation(window: pygame.Window) -> XPresentation | None:

@@ -185,9 +185,8 @@ class SceneLoader:
         self._context = context
         self._notices = notices
         self._steps = 0
-        self.opening = ""
+        self.opening = self.working = ""
         self.progress: float | None = None
-        self.working = ""
         self._unusable = context.options.unusable
         self._first_due_ns = 0
         self._shown_at, self._shown_ns = -1, 0  # scene of the playlist, and since when
@@ -224,8 +223,8 @@ class SceneLoader:
             return
         scenes, scene = self._context.options.playlist, news["scene"]
         place = f" (scene {scenes.index(scene) + 1} of {len(scenes)})" if scene in scenes else ""
-        self.opening = f"Opening {Path(scene).name}{place}" + f": {step}" * bool(step)
-        self.opening *= bool(word)
+        text = f"Opening {Path(scene).name}{place}" + f": {step}" * bool(step)
+        self.opening = text if word else ""
 
     @property
     def elapsed(self) -> float:
