@@ -269,7 +269,7 @@ class RenderStage:
         context = self._context
         while self._wait_for_frame():
             if context.news:
-                self._take_news()
+                self._apply_news()
             fresh = self._read_eyes()
             self._read_live()
             if context.paused:
@@ -285,7 +285,7 @@ class RenderStage:
         refresh.advance(now_ns())  # none was missed while the stage started
         while self._wait_for_refresh(refresh):
             if context.news:
-                self._take_news()
+                self._apply_news()
                 refresh.limit(self._config.render.rate_hz, self._config.render.nominal_hz)
             if (fresh := self._read_eyes()) is not None:
                 if self._record["face"]:
@@ -374,7 +374,7 @@ class RenderStage:
         )
         self._context.done()  # if this process dies, its successor counts later records as lost
 
-    def _take_news(self) -> None:
+    def _apply_news(self) -> None:
         """Applies changes of configuration, scene and quality, and commands."""
         context = self._context
         requested, options = self._requested_config, self._options

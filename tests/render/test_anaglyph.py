@@ -30,14 +30,6 @@ def exact(left: Picture, right: Picture, name: str, light: str) -> NDArray[np.fl
     return value
 
 
-def smooth_pictures(seed: int) -> tuple[Picture, Picture]:
-    """Two pictures of moderate colours, as photographs have them."""
-    rng = np.random.default_rng(seed)
-    grey, colour = rng.uniform(30, 220, (2, 16, 16, 1)), rng.uniform(-30, 30, (2, 16, 16, 3))
-    left, right = np.rint(grey + colour).clip(0, 255).astype(np.uint8)
-    return left, right
-
-
 def lit_channels(name: str) -> NDArray[np.bool_]:
     """(3,) red, green and blue: False where the matrix has an empty row."""
     return np.abs(np.array(MATRICES[name])).sum(axis=(1, 2)) > 0  # type: ignore[no-any-return]
@@ -58,7 +50,9 @@ def test_encode_keeps_greys_at_every_level(
 @pytest.mark.parametrize("name", GLASSES)
 @pytest.mark.parametrize("light", ["linear", "gamma"])
 def test_encode_is_close_to_the_exact_matrix(name: str, light: str) -> None:
-    left, right = smooth_pictures(3)
+    rng = np.random.default_rng(3)  # moderate colours, as photographs have them
+    grey, colour = rng.uniform(30, 220, (2, 16, 16, 1)), rng.uniform(-30, 30, (2, 16, 16, 3))
+    left, right = np.rint(grey + colour).clip(0, 255).astype(np.uint8)
     error = np.abs(encode(left, right, recipe(name, light)) - exact(left, right, name, light))
     assert error.mean() < 0.6
     assert error.max() < (6 if name in CROSSED else 1)

@@ -47,12 +47,6 @@ def chosen(field: LightField, eyes_px: float = 63.0, **render: object) -> Parall
     return parallax(config, field, 640, eyes_px)
 
 
-def small(rows: int, cols: int, extent_px: float) -> LightField:
-    """A scene that nothing but its grid limits."""
-    field = rendered.field(rows, cols, 4, 64)
-    return attrs.evolve(field, disparity_min_px=-extent_px, disparity_max_px=extent_px)
-
-
 # of cotton, from 600 mm, where the eyes are 63 px apart
 TRUE_VIEWS = 63 * 4250 / (600 * 25)
 # 3 % of the picture's width are 8.97 mm, less than the 10.47 of one degree; a view step moves the
@@ -126,7 +120,11 @@ FOUND: dict[str, tuple[LightField, float, dict[str, object], dict[str, float], s
     ),
     **{
         f"room of {rows}x{cols}": (
-            small(rows, cols, extent_px),
+            attrs.evolve(
+                rendered.field(rows, cols, 4, 64),
+                disparity_min_px=-extent_px,
+                disparity_max_px=extent_px,
+            ),
             63.0,
             {},
             {"views_between_eyes": room},
