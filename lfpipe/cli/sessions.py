@@ -290,7 +290,8 @@ def monitor(session_name: str, once: bool, as_json: bool) -> None:
 
     On a terminal, the screen updates four times a second; otherwise the state is printed once.
     If the session ends, the monitor waits for it to restart.
-    Keys: q quit, p pause, r reset, t record a timeline, w toggle warp, m mode, c recentre.
+    Keys: q quit, p pause or resume, r reset the figures, t begin or end a trace,
+    c recentre.
     """
     from lfpipe.monitor.monitor import run
 

@@ -62,7 +62,8 @@ class VblankAnswers:
     """The pictures that a server's answers, each naming a vertical blank, refer to."""
 
     def __init__(self) -> None:
-        self._submitted_ns: dict[int, int] = {}  # serial -> submission
+        self._submitted_ns: dict[int, int] = {}  # serial -> submission, in this order
+        self._answered: dict[int, Presented] = {}  # by serial: an earlier picture has no answer
         self._period_ns = 0.0
         self._pending: Presented | None = None
         self._last: tuple[int, int] | None = None  # (time, number) of a vblank
@@ -88,20 +89,22 @@ class VblankAnswers:
                 _PERIOD_GAIN if self._period_ns else 1.0
             )
         self._last = t_ns, number
-        after_ns = max(t_ns - self._submitted_ns.pop(serial, t_ns), 0)
+        after_ns = max(t_ns - self._submitted_ns[serial], 0)
         before = int(after_ns / self._period_ns) if self._period_ns else 0
-        new = Presented(serial, round(t_ns - before * self._period_ns), round(self._period_ns))
-        if self._pending is None:
-            self._pending = new
-            return []
+        self._answered[serial] = Presented(
+            serial, round(t_ns - before * self._period_ns), round(self._period_ns)
+        )
         # present_fake.c delays an answer by a vertical blank if its timer fires early: then that of
-        # the next picture comes first
-        first, last = sorted((self._pending, new), key=lambda answer: answer.serial)
-        if last.t_ns - first.t_ns > self._period_ns / 2:
-            self._pending = last
-            return [first]
-        self._pending = Presented(last.serial, first.t_ns, first.period_ns)
-        return [Presented(first.serial, 0, 0)]
+        # the next picture comes first, and waits
+        reports: list[Presented] = []
+        while (first := next(iter(self._submitted_ns), -1)) in self._answered:
+            del self._submitted_ns[first]
+            new, last = self._answered.pop(first), self._pending
+            if last and new.t_ns - last.t_ns <= self._period_ns / 2:
+                new, last = attrs.evolve(new, t_ns=last.t_ns), Presented(last.serial, 0, 0)
+            reports += [last] if last else []
+            self._pending = new
+        return reports
 
     def last_answer(self) -> list[Presented]:
         """The held answer, once no other can follow for its vertical blank."""

@@ -1,6 +1,10 @@
 """`VblankAnswers`: the picture shown at each vblank of an X server."""
 
+import itertools
+
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from lfpipe.host.presentation import Presented, VblankAnswers
 from lfpipe.transport.ring import MS_NS
@@ -51,3 +55,37 @@ def test_vblank_answers(name: str) -> None:
         answers.on_submission(number, t_ns)
     for step, shown in steps:
         assert (answers.on_answer(*step) if step else answers.last_answer()) == shown
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(MS_NS, 3 * PERIOD_NS),  # from the picture before it
+            st.sampled_from((0, 0, 0, PERIOD_NS // 3, PERIOD_NS)),  # the answer is late by
+            st.booleans(),  # whether answers are read before it
+        ),
+        min_size=3,
+        max_size=60,
+    )
+)
+def test_each_picture_is_reported_once_and_in_order(
+    pictures: list[tuple[int, int, bool]],
+) -> None:
+    answers, reports = VblankAnswers(), []
+    t_ns, under_way, submitted_ns = 0, list[tuple[int, int]](), dict[int, int]()
+    for serial, (gap_ns, late_ns, reads) in enumerate([*pictures, (9 * PERIOD_NS, 0, True)], 1):
+        t_ns += gap_ns
+        if reads:
+            due = sorted(one for one in under_way if one[0] <= t_ns)
+            under_way = [one for one in under_way if one[0] > t_ns]
+            for answer_ns, number in due:
+                reports += answers.on_answer(number, answer_ns, answer_ns // PERIOD_NS)
+            reports += answers.last_answer()
+        if serial <= len(pictures):
+            answers.on_submission(serial, t_ns)
+            submitted_ns[serial] = t_ns
+            under_way.append(((t_ns // PERIOD_NS + 1) * PERIOD_NS + late_ns, serial))
+    assert [report.serial for report in reports] == [*submitted_ns]
+    shown = [report for report in reports if report.t_ns]
+    assert all(a.t_ns < b.t_ns for a, b in itertools.pairwise(shown)), "one picture at a vblank"
+    assert all(abs(one.t_ns - submitted_ns[one.serial]) < 2 * PERIOD_NS for one in shown)
