@@ -239,7 +239,7 @@ class Soak:
         files = [
             path.name
             for path in self._session.run_dir.iterdir()
-            if not path.name.startswith(("error.", "stack."))
+            if not path.name.startswith(("error.", "stack.")) and path.suffix != ".1"  # older log
         ]
         return metrics | dict.fromkeys(files, (0.0,))
 
