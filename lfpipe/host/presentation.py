@@ -110,9 +110,8 @@ class VblankAnswers:
         """The held answer, once no other can follow for its vertical blank."""
         if self._pending is None or self._submitted_ns:
             return []
-        answers = [self._pending]
-        self._pending = None
-        return answers
+        last, self._pending = self._pending, None
+        return [last]
 
 
 class XPresentation:
