@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.capture.camera_list import LIBCAMERA, START_S, CameraControls, opened, others
-from lfpipe.capture.recordings import Frame, SourceInfo, size_notes, stall_s
+from lfpipe.capture.frame_source import Frame, SourceInfo, size_notes, stall_s
 from lfpipe.capture.v4l2_device import (
     CHEAPEST,
     DECODED,

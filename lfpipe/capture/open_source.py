@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.capture.camera_list import ANSWER_S, START_S, first_camera, with_time_limit
-from lfpipe.capture.recordings import (
+from lfpipe.capture.frame_source import (
     Frame,
     FrameSource,
     OrientedSource,

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.capture.recordings import Frame, SourceInfo, size_notes
+from lfpipe.capture.frame_source import Frame, SourceInfo, size_notes
 from lfpipe.errors import UserError
 from lfpipe.files.codecs import fitted
 from lfpipe.host.terminal import opencv_logging

@@ -34,7 +34,7 @@ METRICS = MetricSet(
 
 if TYPE_CHECKING:
     from lfpipe.capture.camera_list import CameraFinder
-    from lfpipe.capture.recordings import FrameSource, SourceInfo
+    from lfpipe.capture.frame_source import FrameSource, SourceInfo
 
 LIVE = "live:"  # begins the name of a scene that is captured now, see `live_source`
 # below, it looks like a still picture; above, no camera or disk delivers it

@@ -19,6 +19,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.capture.frame_source import Frame
 from lfpipe.capture.open_source import (
     CameraLost,
     camera_settings,
@@ -26,7 +27,7 @@ from lfpipe.capture.open_source import (
     live_camera,
     open_source,
 )
-from lfpipe.capture.recordings import Frame, Lateness
+from lfpipe.capture.recordings import Lateness
 from lfpipe.config import Camera
 from lfpipe.config.session_options import Lossless, RecordedEyes
 from lfpipe.errors import UserError

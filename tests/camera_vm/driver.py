@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from lfpipe.capture.frame_source import Frame
 from lfpipe.capture.open_source import CameraLost, ReconnectingCamera
-from lfpipe.capture.recordings import Frame
 from lfpipe.capture.v4l2_device import V4L2Device
 from lfpipe.errors import UserError
 from tests.support.world import until

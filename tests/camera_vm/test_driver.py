@@ -13,7 +13,7 @@ import pytest
 from lfpipe import config
 from lfpipe.capture.camera import CameraSource, check_camera, open_camera
 from lfpipe.capture.camera_list import asking, cameras
-from lfpipe.capture.recordings import Frame
+from lfpipe.capture.frame_source import Frame
 from lfpipe.capture.v4l2_device import DECODED
 from lfpipe.config.tree import PixelFormat
 from lfpipe.transport.ring import StampKind

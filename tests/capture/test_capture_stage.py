@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from lfpipe.capture import stage
+from lfpipe.capture.frame_source import Frame, SourceInfo
 from lfpipe.capture.open_source import CameraLost
-from lfpipe.capture.recordings import Frame, SourceInfo
 from lfpipe.capture.stage import COVERED_NS, IDLE_NS, LATE_PERIODS, CaptureStage
 from lfpipe.config import Camera, SessionOptions
 from lfpipe.config.session_options import CameraViewer

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from lfpipe import config
-from lfpipe.capture.recordings import DemoSource, OrientedSource
+from lfpipe.capture.frame_source import OrientedSource
+from lfpipe.capture.recordings import DemoSource
 
 
 @pytest.mark.parametrize(("rotate", "mirror"), [(90, False), (180, True), (270, False), (0, True)])

@@ -17,7 +17,8 @@ import numpy as np
 from lfpipe import config
 from lfpipe.capture import camera as driver
 from lfpipe.capture import stage
-from lfpipe.capture.recordings import DemoSource, SourceInfo
+from lfpipe.capture.frame_source import SourceInfo
+from lfpipe.capture.recordings import DemoSource
 from lfpipe.capture.v4l2_device import ControlRange, FrameSizes, Mode, RawFrame, V4L2Device
 from lfpipe.host.worker import serve
 from lfpipe.supervisor import process_table

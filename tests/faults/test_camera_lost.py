@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lfpipe.capture.frame_source import Frame, SourceInfo
 from lfpipe.capture.open_source import BACKOFF_S, CameraLost, ReconnectingCamera
-from lfpipe.capture.recordings import Frame, SourceInfo
 from lfpipe.errors import UserError
 from lfpipe.supervisor.stage_process import HANG_S
 from tests.support.world import World, stays

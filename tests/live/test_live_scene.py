@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import lfpipe
+from lfpipe.capture.frame_source import Frame, SourceInfo
 from lfpipe.capture.open_source import RingSource, RowSource, check_live
-from lfpipe.capture.recordings import Frame, SourceInfo
 from lfpipe.capture.spec import is_live
 from lfpipe.cli.prepare import Request, _open_live
 from lfpipe.cli.sessions import UpArguments

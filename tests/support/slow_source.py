@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from lfpipe import config
-from lfpipe.capture.recordings import FrameSource
+from lfpipe.capture.frame_source import FrameSource
 from lfpipe.capture.spec import SourceKind
 from lfpipe.errors import UserError
 

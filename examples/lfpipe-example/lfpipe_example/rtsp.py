@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.capture.recordings import Frame, SourceInfo
+from lfpipe.capture.frame_source import Frame, SourceInfo
 from lfpipe.capture.spec import SourceKind
 from lfpipe.errors import UserError, redacted
 from lfpipe.files.codecs import fitted

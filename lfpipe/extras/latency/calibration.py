@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.capture.frame_source import FrameSource, as_read
 from lfpipe.capture.open_source import camera_settings, open_source
-from lfpipe.capture.recordings import FrameSource, as_read
 from lfpipe.config import Config
 from lfpipe.errors import UserError
 from lfpipe.extras.latency.estimate import (
