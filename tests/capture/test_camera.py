@@ -222,7 +222,7 @@ def test_what_is_no_frame_is_skipped_or_reported(
     flag: bool,
     read: list[object],
 ) -> None:
-    monkeypatch.setattr("lfpipe.capture.recordings.STALL_S", 0.05)
+    monkeypatch.setattr("lfpipe.capture.frame_source.STALL_S", 0.05)
     device = FakeCamera(frames=[WHOLE, *frames])
     camera = source(device)
     device.damaged = flag

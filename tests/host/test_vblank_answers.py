@@ -21,14 +21,15 @@ PERIOD_NS = 16 * MS_NS
     )
 )
 def test_the_last_picture_before_a_vblank_is_shown_then(pictures: list[tuple[int, int]]) -> None:
-    answers, reports = VblankAnswers(), list[Presented]()
-    events = list[tuple[int, int, bool]]()
+    answers, reports, events = VblankAnswers(), list[Presented](), list[tuple[int, int, bool]]()
     pictures = [(PERIOD_NS + 1, 0)] * 2 + pictures  # after two the period is known
     submitted_ns = [*itertools.accumulate(gap_ns for gap_ns, _ in pictures)]
     vblanks_ns = [(t_ns // PERIOD_NS + 1) * PERIOD_NS for t_ns in submitted_ns]
     for serial, (_, late_ns) in enumerate(pictures):
-        events.append((submitted_ns[serial], serial, False))
-        events.append((vblanks_ns[serial] + late_ns, serial, True))
+        events += [
+            (submitted_ns[serial], serial, False),
+            (vblanks_ns[serial] + late_ns, serial, True),
+        ]
     for t_ns, serial, is_answer in sorted(events):
         if is_answer:
             reports += [*answers.on_answer(serial, t_ns, t_ns // PERIOD_NS), *answers.last_answer()]

@@ -55,7 +55,6 @@ def test_monitor_and_ctl_change_the_next_picture(world: World, scene: Path, tmp_
     assert state["session"] == world.name and set(state["stages"]) == {"capture", "track", "render"}
     for stage in state["stages"].values():
         assert stage["restarts"] == 0 and 0 < stage["fps"] < 90
-        os.kill(stage["pid"], 0)
     assert 0 < state["end_to_end"]["p50_ms"] <= state["end_to_end"]["max_ms"]
 
     def ctl(*words: str) -> Any:
