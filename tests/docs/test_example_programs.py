@@ -3,7 +3,6 @@ and docs/python.md run.
 """
 
 import os
-import sys
 from pathlib import Path
 
 import pytest
@@ -76,25 +75,3 @@ def test_examples_of_python_md_run(
         example = example.replace('"default"', f'"{live.name}"')
     where = "import lfpipe; assert 'env' in lfpipe.__file__.split('/'), lfpipe.__file__\n"
     assert run(world, fresh, fresh, "-c", where + example)
-
-
-def test_example_programs_are_typed(fresh: Path, tmp_path: Path) -> None:
-    """As their readers would check them: against the installed package, strictly."""
-    files = [*EXAMPLES.glob("*.py"), EXAMPLES / "lfpipe-example" / "lfpipe_example"]
-    files.remove(EXAMPLES / "lsl_experiment.py")  # pylsl has no types
-    for number, program in enumerate(PROGRAMS):
-        path = tmp_path / f"block_{number}.py"
-        path.write_text(program)
-        files.append(path)
-    words: list[str | Path] = [
-        sys.executable,
-        "-m",
-        "mypy",
-        "--strict",
-        "--python-executable",
-        fresh,
-        "--cache-dir",
-        tmp_path / "cache",
-        *files,
-    ]
-    printed(*words, cwd=tmp_path)

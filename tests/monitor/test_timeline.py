@@ -84,9 +84,10 @@ def written(path: Path) -> Path:
 def test_convert_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
     out, bad = tmp_path / "t.json", tmp_path / "bad.jsonl"
     out.write_text("mine")
-    bad.write_text(json.dumps(LINES[0]) + "\n{}\n")
-    with pytest.raises(UserError, match=r"bad\.jsonl.*line 2: source_seq is missing"):
-        convert(bad, out, overwrite=True)
+    for wrong, said in (({}, "source_seq"), ({**LINES[0], "view": {"left": [1]}}, "view.*left")):
+        bad.write_text(f"{json.dumps(LINES[0])}\n{json.dumps(wrong)}\n")
+        with pytest.raises(UserError, match=rf"bad\.jsonl.*line 2.*{said}"):
+            convert(bad, out, overwrite=True)
     assert out.read_text() == "mine"
     os.mkfifo(tmp_path / "fifo")
     for source, place in (

@@ -6,15 +6,21 @@ from types import SimpleNamespace
 import attrs
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from lfpipe.config import Render, choices
+from lfpipe.config import Config, Render, choices
+from lfpipe.config.check import changed
+from lfpipe.config.session_options import SessionOptions
 from lfpipe.config.tree import Anaglyph
 from lfpipe.render.display.display import Notice
 from lfpipe.render.synthesis.anaglyph import MATRICES
+from lfpipe.render.ui.controller import Ui
 from lfpipe.render.ui.pages import glasses_test
 from lfpipe.render.ui.scenes import OPEN
-from lfpipe.render.ui.settings import SHOWN_NS, Notices, RecordingIndicator
+from lfpipe.render.ui.settings import SHOWN_NS, Notices, RecordingIndicator, Settings
 from lfpipe.sequence.folder import MANIFEST
+from lfpipe.transport.control import Answer
 from lfpipe.transport.ring import SECOND_NS, now_ns
 
 
@@ -82,3 +88,21 @@ def test_a_recording_starts_at_once_and_resumes(
     (Path(path) / MANIFEST).touch()
     recording.update(20 * SECOND_NS + 1)
     assert texts(notices) == [f"Camera recorded, 20 s: {path}"]
+
+
+@given(st.lists(st.booleans(), max_size=12))
+def test_each_key_turns_the_eyes_however_late_the_answers_are(is_key: list[bool]) -> None:
+    sent: list[dict[str, object]] = []
+    context = SimpleNamespace(
+        config=Config(), options=SessionOptions(), request=lambda _, set: sent.append(set)
+    )
+    viewer = SimpleNamespace(field=SimpleNamespace(name="", depth_inverted=False))
+    settings = Settings(context, viewer, Notices(), None)  # type: ignore[arg-type]
+    for key in [*is_key, *[False] * len(is_key)]:
+        if key:
+            settings.set(swap_eyes=not settings.render.swap_eyes)
+        elif sent:
+            context.config = changed(context.config, sent.pop(0))
+            answer = Answer.of({"cmd": "set", "ok": True})
+            Ui.handle(SimpleNamespace(settings=settings), answer)  # type: ignore[arg-type]
+    assert context.config.render.swap_eyes == bool(sum(is_key) % 2) and not settings.requested

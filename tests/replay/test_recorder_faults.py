@@ -105,7 +105,7 @@ def test_any_error_in_the_thread_ends_the_recording_with_a_message(
     made.end()
     made.thread.join()
     assert made.failure == "MemoryError" and made.writer.count == 1 and not made.full
-    assert not made.add(frame(9)) and made.missed == 1
+    assert not made.add(frame(9)) and made.missed in (1, 2), "the third one may come too late, too"
 
 
 def test_frames_without_space_are_missed_and_the_others_keep_their_order(

@@ -169,7 +169,7 @@ class Ui:
         """Handles the answer to a request of the window."""
         match answer.cmd:
             case "set":  # applied now, or refused
-                self.settings.requested.clear()
+                del self.settings.requested[:1]
             case "record":
                 self.recording.is_requested = False
             case "load":
@@ -181,9 +181,11 @@ class Ui:
             )
         elif answer.cmd == "viewer":
             kind = viewer_kind(self.context.options.viewer)
-            text = f"Viewer: {VIEWERS.get(kind, '')}"
             self.notices.show(
-                "viewer", "Move the mouse to look around" if kind == "mouse" else text
+                "viewer",
+                "Move the mouse to look around"
+                if kind == "mouse"
+                else f"Viewer: {VIEWERS.get(kind, '')}",
             )
         elif answer.cmd == "keep":
             self.calibration.is_stored = True
@@ -364,9 +366,8 @@ ACTIONS: Mapping[str, Action] = {
         alpha_px="auto", zero_plane_px=DEFAULT.zero_plane_px, depth=DEFAULT.depth
     ),
     "swap": lambda ui, _: ui.settings.set(swap_eyes=not ui.settings.render.swap_eyes),
-    "invert-depth": lambda ui, _: ui.context.request(
-        "set",
-        set={"scene.invert_depth": "no" if ui.viewer.field.depth_inverted else "yes"},
+    "invert-depth": lambda ui, _: ui.settings.request(
+        {"scene.invert_depth": "no" if ui.viewer.field.depth_inverted else "yes"}
     ),
     DEPTH: lambda ui, event: ui.settings.set(alpha_px="auto", depth=event.value),
     # glasses

@@ -10,7 +10,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from functools import partial
+from functools import partial, reduce
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,7 +18,7 @@ import attrs
 import platformdirs
 
 from lfpipe.config import Render, user_file
-from lfpipe.config.check import write_keys
+from lfpipe.config.check import changed, write_keys
 from lfpipe.config.quality import level_number
 from lfpipe.config.session_options import CameraViewer, MouseViewer, NoViewer, Window
 from lfpipe.config.session_options import Viewer as ViewerKind
@@ -215,8 +215,8 @@ class Settings:
     _viewer: Viewer
     _notices: Notices
     _files: Files
-    requested: dict[str, Any] = attrs.field(factory=dict)
-    """What is neither applied nor refused yet."""
+    requested: list[dict[str, Any]] = attrs.field(factory=list)
+    """Changes of keys that are neither applied nor refused yet, in the order of their answers."""
     _alpha_px: float = 0.0  # before the latest change
     _last: tuple[Render, int, str, bool] = attrs.field(init=False)
 
@@ -226,12 +226,16 @@ class Settings:
     @property
     def render(self) -> Render:
         """The settings as they will be: keys may follow each other faster than they are applied."""
-        return attrs.evolve(self._context.config.render, **self.requested)
+        return reduce(changed, self.requested, self._context.config).render
 
     def set(self, **values: Any) -> None:
         """Changes keys of [render] until the session ends."""
-        self.requested |= values
-        self._context.request("set", set={f"render.{key}": value for key, value in values.items()})
+        self.request({f"render.{key}": value for key, value in values.items()})
+
+    def request(self, keys: dict[str, Any]) -> None:
+        """Changes keys until the session ends."""
+        self.requested.append(keys)
+        self._context.request("set", set=keys)
 
     def store(self, values: dict[str, float | bool | str]) -> None:
         """Saves keys of [render] in the person's settings."""
@@ -287,11 +291,12 @@ class Settings:
             return
         if HARDLY_FIT in field.manifest.notes:
             text = f"These {field.rows * field.cols} pictures hardly fit together."
-            one = Item("Show one", Event("show-one", field.manifest.source))
-            self._notices.show("views", text, QUESTION_NS, (one,))
+            way_out = (Item("Show one", Event("show-one", field.manifest.source)),)
+            self._notices.show("views", text, QUESTION_NS, way_out)
         if undecided(field, self._context.config.scene.invert_depth):
-            text = "Does the depth look inverted?"
-            self._notices.show("depth order", text, QUESTION_NS, (INVERTED,))
+            self._notices.show(
+                "depth order", "Does the depth look inverted?", QUESTION_NS, (INVERTED,)
+            )
             self._files.do(partial(remember, field, "asked"))
 
 
