@@ -40,7 +40,7 @@ hypothesis.settings.register_profile(
     "same", hypothesis.settings.get_profile("explore"), derandomize=True, database=None
 )
 hypothesis.settings.register_profile(
-    "quick", hypothesis.settings.get_profile("same"), max_examples=33
+    "quick", hypothesis.settings.get_profile("same"), max_examples=20
 )
 # for copies with a fault, which only have to fail
 UNSHRUNK = (hypothesis.Phase.explicit, hypothesis.Phase.generate)
@@ -84,10 +84,8 @@ def _policy_stays() -> Iterator[None]:
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """One worker per physical core, and at least two: half of the time a test waits for a process
-    it started.
-    """
-    return max(psutil.cpu_count(logical=False) or 1, 2)
+    """One worker more than there are physical cores: tests wait for the processes they start."""
+    return (psutil.cpu_count(logical=False) or 1) + 1
 
 
 SESSIONS = {"world", "live", "screen", "xvfb"}  # fixtures of real sessions and windows

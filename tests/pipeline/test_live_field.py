@@ -63,7 +63,6 @@ def views(tmp_path: Path) -> Path:
     return write_film(tmp_path / "views.avi", [frame] * 30)
 
 
-@pytest.mark.everyday
 def test_session_shows_views_and_their_disparity(world: World, views: Path) -> None:
     world.shows(Path(f"live:file:{views}"), pictures=60)
     lines = world.more_pictures(60)

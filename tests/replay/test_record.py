@@ -13,7 +13,6 @@ from typing import Any
 import cv2
 import numpy as np
 import psutil
-import pytest
 
 from lfpipe.sequence.folder import Sequence, open_sequence
 from lfpipe.sequence.packets import INDEX
@@ -31,7 +30,6 @@ def frames(out: Path) -> int:
     return (out / INDEX).read_text().count("\n") if (out / INDEX).exists() else 0
 
 
-@pytest.mark.everyday
 def test_a_live_session_is_recorded_without_a_hole(world: World, short: Path, blocks: Path) -> None:
     out = world.root / "rec"
     process = world.shows(

@@ -383,10 +383,10 @@ SETS: dict[str, list[PeopleSet]] = {
         *more(
             opens("GIF of 3x3", gif(walk(made.views(3, 3, 96, 128))), "gif 3x3"),
             opens("GIF of 10x10", gif(walk(TEN)), "gif 10x10"),
+            opens("GIF of 4x5, scene.grid", gif(walk(GRID[:4])), "gif 4x5", grid="4x5"),
+            opens("GIF of a line", gif(LINE12[0]), "gif 1x12"),
         ),
-        opens("GIF of 4x5, scene.grid", gif(walk(GRID[:4])), "gif 4x5", grid="4x5"),
         refuses("GIF of 25, scene.grid=4x6", gif(walk(GRID)), "25 views", grid="4x6"),
-        opens("GIF of a line", gif(LINE12[0]), "gif 1x12"),
         opens("MP4 of 3x3", film(walk(made.views(3, 3, 96, 128))), "gif 3x3"),
         *more(
             opens("MP4 of 5x5", film(walk(GRID)), "gif 5x5"),
@@ -1062,9 +1062,12 @@ SETS: dict[str, list[PeopleSet]] = {
             )
             for width, height in ((1, 48), (48, 1), (1, 1), (23, 48))
         ),
-        *(
-            refuses(f"HEIC cut at {keep:.0%}", cut_heic(keep), "PATH: not a readable", AS_PAIR)
-            for keep in (0.2, 0.6, 0.98)
+        refuses("HEIC cut at 60%", cut_heic(0.6), "PATH: not a readable", AS_PAIR),
+        *more(
+            *(
+                refuses(f"HEIC cut at {keep:.0%}", cut_heic(keep), "PATH: not a readable", AS_PAIR)
+                for keep in (0.2, 0.98)
+            )
         ),
         refuses(
             "a stream that is declared and not there", second_stream, "the second video stream"
@@ -1085,10 +1088,11 @@ SETS: dict[str, list[PeopleSet]] = {
             for layout, name, gone, odd, beside in ODD_VIEWS
             for text in ("2 of 4x4 views missing, copied from others: " + ODD_PLACES, "(64x48 px)")
         ),
-        *(
-            opens(f"45 tiles as a {layout} {text}", TILES45, opened, layout=layout, grid=text)
-            for layout, opened in (("quilt", "quilt 1x45"), ("mosaic", "mosaic 9x5"))
-            for text in ("", "9x5")
+        opens("45 tiles as a quilt 9x5", TILES45, "quilt 1x45", layout="quilt", grid="9x5"),
+        *more(
+            opens("45 tiles as a quilt ", TILES45, "quilt 1x45", layout="quilt"),
+            opens("45 tiles as a mosaic ", TILES45, "mosaic 9x5", layout="mosaic"),
+            opens("45 tiles as a mosaic 9x5", TILES45, "mosaic 9x5", layout="mosaic", grid="9x5"),
         ),
     ],
 }

@@ -110,7 +110,6 @@ def write_deep(folder: Path) -> Path:
 ONE_COLOURED = GREY.copy()
 ONE_COLOURED[1, 1, 5, 5] = (1, 2, 3)  # not among the views looked at first
 FILM = [made.mosaic(made.views(2, 3, 64, 80, near)) for near in (2.0, 1.5)]
-FAR_LEFT, FAR_RIGHT = far_pair(240)
 # a scene, settings, what its pack has, and its views
 PACKS: dict[str, tuple[Make, dict[str, Any], dict[str, Any], np.ndarray | None]] = {
     # depth inverted: truth follows with its sign
@@ -160,7 +159,7 @@ PACKS: dict[str, tuple[Make, dict[str, Any], dict[str, Any], np.ndarray | None]]
         None,
     ),
     "a pair that is too far apart": (
-        files(x_left_png=FAR_LEFT, x_right_png=FAR_RIGHT),
+        lambda f: files(x_left_png=far_pair(240)[0], x_right_png=far_pair(240)[1])(f),
         {},
         {"method": "nearest", "disparity": None, "complete": True}
         | {"disparity_max_px": pytest.approx(290, abs=90)},

@@ -30,7 +30,7 @@ def test_control_sockets_let_no_escape_sequence_through(
     assert "of the bus" in err and "\x1b" not in err
 
 
-def test_control_sockets_answer_after_ten_thousand_byte_strings(
+def test_control_sockets_answer_after_thousands_of_byte_strings(
     tmp_path: Path,
 ) -> None:
     with (
@@ -40,7 +40,7 @@ def test_control_sockets_answer_after_ten_thousand_byte_strings(
         attack = attacker.submit(_attack, tmp_path)
         while not attack.done():
             _serve_once(sockets)
-        assert attack.result() == 30_000
+        assert attack.result() == 9_000
         with connected(tmp_path) as client:
             client.send(control.encode({"cmd": "status", "id": 7}))
             while not client.poll(1):
@@ -78,7 +78,7 @@ def test_answer_repeats_the_id_and_the_command_of_its_request(tmp_path: Path) ->
 
 
 def _attack(folder: Path) -> int:
-    return sum(send_raw(folder / name, byte_strings(10_000)) for name in ("ctl", "bus", "tap"))
+    return sum(send_raw(folder / name, byte_strings(3_000)) for name in ("ctl", "bus", "tap"))
 
 
 def _serve_once(sockets: ControlSockets) -> None:

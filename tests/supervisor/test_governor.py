@@ -205,14 +205,13 @@ def bursts(burst_s: float, period_s: float, t_s: float, _: float) -> float:
 # share(time in s, for how long the level has been full in s)
 FOREIGN: dict[str, Callable[[float, float], float]] = {
     "1 s in 12": lambda t_s, _: 0.8 * (t_s % 12 < 1),
-    "1 s in 25": lambda t_s, _: 0.8 * (t_s % 25 < 1),
     "13 s in 26": lambda t_s, _: 0.7 * (t_s % 26 < 13),
     "throttled after 12 s of full quality": lambda _, full_s: 0.6 * (full_s > 12),
     "throttled after 30 s of full quality": lambda _, full_s: 0.6 * (full_s > 30),
     "half of it, always": lambda *_: 0.5,
     **{
         f"{burst_s} s in {period_s}": partial(bursts, burst_s, period_s)
-        for burst_s, period_s in ((1, 10), (12, 40), (12, 120), (30, 300))
+        for burst_s, period_s in ((12, 40), (12, 120), (30, 300))
     },
 }
 
