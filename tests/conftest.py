@@ -30,7 +30,7 @@ pytest_plugins = ["tests.support.watchdog"]
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 cv2.setNumThreads(1)  # a worker has one core; threads of a pool would wait on another's
-# The same examples in every run: a change fails for what it does. A third of them by default, all
+# The same examples in every run: a change fails for what it does. A fifth of them by default, all
 # at night with `--hypothesis-profile=same`; `explore` looks for others. No test has a deadline: how
 # long an example takes depends on what else the machine does.
 hypothesis.settings.register_profile(
