@@ -100,12 +100,12 @@ def test_quality_goes_down_by_levels_on_a_busy_machine_and_comes_back(
 
         hogs.start()
         world.wait_for(lambda: level() >= 1, "lower level")
-        hogs.end()
         lowered = world.monitor()
         world.kill("render")
         count = len(world.lines())
         world.pictures(count + 3)
         restarted = world.lines()[count + 1]["level"]  # the line before may have been on its way
+        hogs.end()
         config = world.monitor()["config"]
         world.wait_for(lambda: level() == 0, "full quality again")
         steps = heard("level")

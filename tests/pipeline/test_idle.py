@@ -27,8 +27,8 @@ def test_window_rests_while_the_mouse_stands_still(
     world.wait_for(lambda: world.left() and idle(world), "an idle session")
     before = world.monitor()["stages"]["render"]
     assert rests(world)
-    world.xdotool("mousemove", 40, 40)
-    world.xdotool("mousemove", 80, 60)  # wherever the pointer was, it has moved now
+    world.xdotool("mousemove", 400, 300)
+    world.xdotool("mousemove", 700, 400)  # wherever the pointer was, it has moved now
     moved = world.wait_for(
         lambda: (now := world.monitor()["stages"]["render"])["count"] > before["count"] and now,
         "a picture",
@@ -40,5 +40,5 @@ def test_window_rests_while_the_mouse_stands_still(
         world.xdotool("mousemove", *next(places))
         return not idle(world)
 
-    places = itertools.cycle([(40, 40), (80, 60)])
+    places = itertools.cycle([(400, 300), (700, 400)])  # in the window
     world.wait_for(works, "a session at work")
