@@ -137,7 +137,7 @@ def eyes(tracks: Path) -> Figures:
 
 
 def viewer() -> Figures:
-    from lfpipe.bench.simulator.bounds import BOUNDS
+    from lfpipe.bench.simulator.metrics import BOUNDS
     from lfpipe.bench.simulator.run import Setup
     from lfpipe.bench.simulator.scripts import MOVES_ABOUT, SCRIPTS
     from lfpipe.bench.viewer import CAMERAS, viewpoints

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.bench.glasses import GLASS, RED_CYAN, curve, lightness
+from lfpipe.bench.simulator.metrics import GLASS, RED_CYAN, curve, lightness
 from lfpipe.bench.simulator.scene import SCENES, scene_of
 from lfpipe.render.synthesis.anaglyph import MATRICES, decoded, encode, recipe
 

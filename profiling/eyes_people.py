@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 
 from lfpipe.bench.simulator.camera import TRACKED_MS, Camera, Frame, Observer
 from lfpipe.bench.simulator.metrics import viewpoint_metrics
-from lfpipe.bench.simulator.run import Run, Setup, Truth, watch
-from lfpipe.bench.simulator.screen import Screen
+from lfpipe.bench.simulator.run import Run, Screen, Setup, Truth, watch
 from lfpipe.bench.simulator.scripts import (
     SCRIPTS,
     SEAT,

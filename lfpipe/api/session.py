@@ -8,7 +8,6 @@ import os
 import re
 import subprocess
 import time
-import warnings
 import weakref
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -331,8 +330,9 @@ class Session(Attachment):
             env={**os.environ, ERROR_FILE: str(self._error_file)},
             start_new_session=True,  # signals of the terminal do not reach it
         )
-        self._abandoned = weakref.finalize(self, _end_abandoned, name, self._process, os.getpid())
-        self._abandoned.atexit = False  # the session ends with the program
+        assert self._process.stdin is not None
+        # of an object that is garbage, the session ends, too: with its standard input
+        weakref.finalize(self, self._process.stdin.close)
         try:
             self._wait_for_start(name)
         except BaseException:
@@ -386,8 +386,12 @@ class Session(Attachment):
 
     def stop(self) -> None:
         """Ends the session, and returns when it has left nothing behind. May be called again."""
-        self._abandoned.detach()
-        _end(self._process)
+        if self._process.stdin is not None:
+            self._process.stdin.close()
+        # a program that was started from here may hold the standard input open
+        self._process.send_signal(signals.END)
+        self._process.wait_at_most(STOP_S)
+        self._process.close()
         self._failure()  # keeps the error, and removes the file
 
     def __exit__(self, *_: object) -> None:
@@ -396,29 +400,6 @@ class Session(Attachment):
 
 
 attach = Attachment
-
-
-def _end(process: Child) -> None:
-    """Ends a session, and returns when it has left nothing behind. It gets a signal, too, because a
-    program that was started from here may hold its standard input open.
-    """
-    if process.stdin is not None:
-        process.stdin.close()
-    process.send_signal(signals.END)
-    process.wait_at_most(STOP_S)
-    process.close()
-
-
-def _end_abandoned(name: str, process: Child, owner: int) -> None:
-    """For a `Session` that is garbage: its processes would run on."""
-    if os.getpid() != owner:  # of a child that was forked
-        return
-    warnings.warn(
-        f"the session {name!r} was not stopped: use it in a `with` block, or call stop()",
-        ResourceWarning,
-        stacklevel=2,
-    )
-    _end(process)
 
 
 @typed

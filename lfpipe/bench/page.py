@@ -5,7 +5,6 @@ import html
 import math
 from pathlib import Path
 
-from lfpipe._version import __version__
 from lfpipe.bench.benchmarks import BENCHMARKS, TABLE, Benchmark
 from lfpipe.bench.results import STATES, Column, Results, Row, short
 from lfpipe.bench.style import document, html_table
@@ -25,32 +24,16 @@ HOW = (
     " of the camera against the screen. results.json has every repetition. Lower left is better."
     "</p>"
 )
-CITE = (
-    "<h2>To cite</h2><p class=soft>The BibTeX above has lfpipe and the paper. State the version,"
-    " the machine and the command.</p>"
-)
 WHAT_FAILED = (
-    "<h2>Failures</h2><p class=soft>Failed: an exception, NaN, infinity, or a metric beyond the"
-    " limit of its table. Degraded: within that limit, but worse than ok. Cases that only other"
-    " settings reach do not concern sessions with the defaults.</p>"
+    "<h2>Failures</h2><p class=soft>An exception, NaN, infinity, or a metric beyond the limit of"
+    " its table. Cases that only other settings reach do not concern sessions with the defaults."
+    "</p>"
 )
 NO_CHARTS = (
     "<p>Without charts: matplotlib is not installed"
     f" (<code>{html.escape(install_command('matplotlib'))}</code>).</p>"
 )
-BIBTEX = """@software{{lfpipe,
-  title = {{lfpipe: a light field you look into}},
-  author = {{{{The lfpipe developers}}}},
-  version = {{{version}}},
-  year = {{2026}}
-}}
 
-@techreport{{pham_light_field,
-  title = {{Real-time 3D Light-field Viewing with Eye-tracking on Conventional Displays}},
-  author = {{Pham, Trung Hieu and Tran, Chanh Minh and Kamioka, Eiji and Phan, Xuan Tan}},
-  institution = {{Shibaura Institute of Technology}}
-}}
-"""
 Pairs = list[tuple[Benchmark, Results]]
 Verdict = tuple[str, str, str, str]
 
@@ -128,20 +111,12 @@ def write_report(results: dict[str, Results], out: Path) -> Path:
         ((one.name, text) for one, results in pairs if (text := summary(one, results))), ("", "")
     )
     body += text
-    cite = _download("cite.bib", BIBTEX.format(version=__version__), "BibTeX")
-    body += f"<p>Tables below, each as CSV and LaTeX. To cite: {cite}.</p>"
-    body += f"{_verdicts(pairs)}<nav>{links}</nav>"
+    body += f"<p>Tables below, each as CSV.</p>{_verdicts(pairs)}<nav>{links}</nav>"
     sections = (_section(*pair, charts_from=int(pair[0].name == shown)) for pair in pairs)
-    body += f"{''.join(sections)}{_failures(pairs)}{HOW}{CITE}"
+    body += f"{''.join(sections)}{_failures(pairs)}{HOW}"
     page = document("Error against run time", body)
     write_output(out / "report.html", page.encode(), label="--out")
     return out / "report.html"
-
-
-def _download(name: str, text: str, label: str) -> str:
-    """A link that saves text, which is in the page, as a file."""
-    data = base64.b64encode(text.encode()).decode()
-    return f'<a download="{name}" href="data:text/plain;base64,{data}">{label}</a>'
 
 
 def _verdicts(pairs: Pairs) -> str:
@@ -167,18 +142,15 @@ def _failures(pairs: Pairs) -> str:
         for benchmark, results in pairs
         for name, why in results.failures.items()
     ]
-    degraded: dict[tuple[str, str], list[str]] = {}
-    for _, results in pairs:
-        for table, row, column, value in results.judged():
-            matters = f"only with {value.only}" if value.only else "yes: in use"
-            if value.state == "failed":
-                rows.append((table.title, row.name, f"failed: {column} {value.text}", matters))
-            elif value.state == "degraded":
-                degraded.setdefault((table.title, matters), []).append(row.name)
-    for (title, matters), cases in degraded.items():
-        what = f"degraded: {len(cases)} values of the table"
-        rows.append((title, "; ".join(dict.fromkeys(cases)), what, matters))
-    rows.sort(key=lambda row: (row[3].startswith("only"), row[2].startswith("degraded")))
+    rows += [
+        (table.title, row.name, f"{column} {value.text}", f"only with {value.only}")
+        if value.only
+        else (table.title, row.name, f"{column} {value.text}", "yes: in use")
+        for _, results in pairs
+        for table, row, column, value in results.judged()
+        if value.state == "failed"
+    ]
+    rows.sort(key=lambda row: row[3].startswith("only"))
     if not rows:
         return "<h2>Failures</h2><p>None.</p>"
     return WHAT_FAILED + html_table(("where", "case", "result", "relevant"), rows)
@@ -199,9 +171,8 @@ def _section(benchmark: Benchmark, results: Results, charts_from: int) -> str:
         reasons = "".join(f"<li>{html.escape(reason)}</li>" for reason in results.left_out)
         text += f"<p>Left out:</p><ul>{reasons}</ul>"
     for number, table in enumerate(results.tables, 1):
-        name = f"{benchmark.name}-{number}"
-        files = _download(f"{name}.csv", table.csv(), "CSV")
-        files += " · " + _download(f"{name}.tex", table.latex(name), "LaTeX")
+        data = base64.b64encode(table.csv().encode()).decode()
+        file = f'<a download="{benchmark.name}-{number}.csv" href="data:text/plain;base64,{data}">'
         head, body = table.texts()
         classes = []
         for row in table.rows:
@@ -212,7 +183,7 @@ def _section(benchmark: Benchmark, results: Results, charts_from: int) -> str:
             classes.append([marks, *(marks + state for state in states)])
         title = html.escape(table.title or f"All metrics of {len(table.rows)} methods")
         note = html.escape(table.note or "■ in use, ★ the paper.")
-        text += f"<details><summary>{title}</summary><p class=soft>{note} {files}</p>"
+        text += f"<details><summary>{title}</summary><p class=soft>{note} {file}CSV</a></p>"
         text += f"{html_table(head, body, classes)}</details>"
     facts = [(name, value) for name, value in results.about.items() if name != "command"]
     facts.append(("time", f"{results.wall_s:.0f} s"))

@@ -4,7 +4,6 @@ compared.
 
 import csv
 import io
-import itertools
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -129,59 +128,22 @@ class Table:
         return "\n".join(f"| {line} |" for line in lines)
 
     def csv(self) -> str:
-        """One line per row; a value with an interval has two more columns."""
+        """One line per row, three columns per quantity: value, low, high."""
         columns = self.filled
-        bounded = [
-            column
-            for column in columns
-            if any(
-                (value := row.values.get(column.key)) is not None and value.low != value.high
-                for row in self.rows
-            )
-        ]
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
-        heads = (
-            [
-                column.axis,
-                *(f"{column.axis}, {end}" for end in ("low", "high") * (column in bounded)),
-            ]
-            for column in columns
-        )
-        writer.writerow([self.of, "default", "paper", *itertools.chain(*heads)])
+        heads = (f"{column.axis}{end}" for column in columns for end in ("", ", low", ", high"))
+        writer.writerow([self.of, "default", "paper", *heads])
         for row in self.rows:
             cells: list[object] = [row.name, int(row.used), int(row.paper)]
             for column in columns:
                 value = row.values.get(column.key)
-                count = 3 if column in bounded else 1
-                if value is None:
-                    cells += [""] * count
-                elif value.words and value.low == value.high:
-                    cells += [value.words, "", ""][:count]
+                if value is None or (value.words and value.low == value.high):
+                    cells += [value and value.words, "", ""]
                 else:
-                    cells += [value.value, value.low, value.high][:count]
+                    cells += [value.value, value.low, value.high]
             writer.writerow(cells)
         return out.getvalue()
-
-    def latex(self, label: str) -> str:
-        """A table for the package booktabs."""
-        head, body = self.texts()
-        lines = [" & ".join(map(_latex, row)) + r" \\" for row in (head, *body)]
-        rows = "\n".join([r"\toprule", lines[0], r"\midrule", *lines[1:], r"\bottomrule"])
-        return (
-            f"\\begin{{table}}\n\\caption{{{_latex(self.title or self.of)}}}\\label{{{label}}}\n"
-            f"\\begin{{tabular}}{{l{'r' * (len(head) - 1)}}}\n{rows}\n"
-            "\\end{tabular}\n\\end{table}\n"
-        )
-
-
-LATEX = {"■": "(default)", "★": "(paper)", "…": "...", "×": r"$\times$", "≤": r"$\le$"}
-LATEX |= {c: "\\" + c for c in "&%$#_{}"} | {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}"}
-LATEX |= {"^": r"\textasciicircum{}", "<": "$<$", ">": "$>$"}
-
-
-def _latex(text: str) -> str:
-    return "".join(LATEX.get(c, c) for c in text)
 
 
 def judged_table(

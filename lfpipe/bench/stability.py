@@ -17,13 +17,13 @@ from lfpipe.bench.simulator.scripts import EYE_DISTANCE_PX
 from lfpipe.bench.synthesis import view_at
 from lfpipe.config import FILTER_MODULES, Render, Track
 from lfpipe.config.quality import METHODS, WARPS
+from lfpipe.files.safe_files import MAX_INTEGER
 from lfpipe.render.synthesis.compositor import Compositor, ViewRenderer
 from lfpipe.render.synthesis.viewpoint import ViewSolver, pair_clamped
 from lfpipe.scene.lightfield import UNKNOWN, LightField
 from lfpipe.scene.source import Geometry
 from lfpipe.track.filters.base import make_filter
 from lfpipe.transport.ring import MS_NS
-from lfpipe.transport.status import MAX_NS
 
 FILTERS = tuple(FILTER_MODULES)  # the default one first
 RATES_HZ = (15, 30, 60, 120, 240)  # of webcams in the dark to high-speed cameras
@@ -40,7 +40,7 @@ DISTURBANCES: dict[str, tuple[int, Float | float]] = {
     "infinite": (0, math.inf),
     "spike of 1e18 px": (0, 1e18),
     "stamp 1/30 s early": (-33_333_333, 0.0),
-    "stamp of 292 years": (MAX_NS, 0.0),
+    "stamp of 292 years": (MAX_INTEGER, 0.0),
 }
 
 
@@ -70,7 +70,7 @@ def disturbed(
         outputs = []
         for frame, (t_ns, eyes) in enumerate(zip(stamps_ns.tolist(), measured, strict=True)):
             if frame in wrong:
-                filter_.update(min(t_ns + late_ns, MAX_NS), eyes + off_px)
+                filter_.update(min(t_ns + late_ns, MAX_INTEGER), eyes + off_px)
             else:
                 filter_.update(t_ns, eyes)
             outputs.append(filter_.predict(t_ns + AHEAD_MS * MS_NS) / EYE_DISTANCE_PX)

@@ -11,12 +11,11 @@ from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 from lfpipe.bench.benchmarks import Benchmark
-from lfpipe.bench.results import Row, short
+from lfpipe.bench.results import Results, Row, short
+from lfpipe.bench.style import html_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-from lfpipe.bench.results import Results
-from lfpipe.bench.style import html_table
 
 # distinguishable with a colour vision deficiency
 COLOURS = ("#0072b2", "#d55e00", "#008a63", "#b1548f", "#8a6d00", "#4b4fc4", "#7a7f86")

@@ -10,19 +10,18 @@ import numpy as np
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.results import Column, Metrics, Row, Table, Value, range_of, ratio_of
 from lfpipe.bench.runner import Offer, Prepared, Variant, cpu_ms
-from lfpipe.bench.simulator.bounds import judged
 from lfpipe.bench.simulator.camera import NOISE_PX, Camera
 from lfpipe.bench.simulator.metrics import (
     Errors,
     Pictures,
     evenness,
+    judged,
     picture_metrics,
     samples,
     viewpoint_metrics,
 )
-from lfpipe.bench.simulator.run import Run, Setup, Truth
+from lfpipe.bench.simulator.run import Run, Screen, Setup, Truth
 from lfpipe.bench.simulator.scene import SCENES, scene_of
-from lfpipe.bench.simulator.screen import Screen
 from lfpipe.bench.simulator.scripts import MOVES_ABOUT, SCRIPTS, Script, recorded
 from lfpipe.config import FILTER_MODULES, Track
 from lfpipe.config.quality import METHODS

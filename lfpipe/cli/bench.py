@@ -11,7 +11,7 @@ from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.page import write_report
 from lfpipe.bench.results import Results, write
 from lfpipe.bench.runner import measure, opened
-from lfpipe.bench.simulator.bounds import beyond
+from lfpipe.bench.simulator.metrics import beyond
 from lfpipe.bench.summary import headlines, sentences
 from lfpipe.bench.table import Protocol, measure_scenes
 from lfpipe.cli.terminal import PATH, Group, print_result, progress, say, with_config

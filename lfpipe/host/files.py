@@ -116,10 +116,8 @@ def is_missing(path: str | os.PathLike[str]) -> bool:
     """Whether there is certainly nothing at path, not even a broken link."""
     try:
         os.lstat(path)
-    except (FileNotFoundError, NotADirectoryError):
-        return True
-    except OSError:
-        pass
+    except OSError as error:
+        return isinstance(error, FileNotFoundError | NotADirectoryError)
     return False
 
 
@@ -168,10 +166,8 @@ class Lock:
         """Whether the locked file is still at its path. True if the path cannot be examined."""
         try:
             return os.path.samestat(self._path.lstat(), os.fstat(self._fd))
-        except (FileNotFoundError, NotADirectoryError):
-            return False
-        except OSError:
-            return True
+        except OSError as error:
+            return not isinstance(error, FileNotFoundError | NotADirectoryError)
 
     def release(self) -> None:
         """Releases the lock."""
@@ -347,10 +343,8 @@ class Wake:
 
     def notify(self, seq: int) -> None:
         """Wakes the reader for seq."""
-        try:
+        with contextlib.suppress(BlockingIOError):  # full: the reader is awake
             os.write(self.fd, _SEQ.pack(seq))
-        except BlockingIOError:
-            return  # full: the reader is awake
 
     def drain(self) -> int:
         """Reads all wakes, at most MOST; returns the last seq, 0 if there was none."""

@@ -52,9 +52,6 @@ from lfpipe.transport.status import Row
 logger = logging.getLogger(__name__)
 PENDING_NS = 4 * MS_NS  # between two checks of the stages while answers wait for them
 LAST_S = 0.02  # without a message, until those of the stages that have ended were read
-# counted after all stages have applied a change; a stage that cannot use it fails sooner, and a
-# part that does not work is reported by then
-TRIAL_NS = FAULT_NS
 IDLE_NS = 10 * SECOND_NS  # longer than a viewer turns away or leans out
 ASKED_OFTEN = ("hello", "status", "pictures")  # requests that change nothing
 SHOWN_TOPICS = ("source", "notice")  # telemetry for people
@@ -264,7 +261,8 @@ class LiveSession:
 
     def _confirm_change(self) -> None:
         """Marks the newest change as known to work once every stage has used it and produced
-        outputs for TRIAL_NS.
+        outputs for FAULT_NS: a stage that cannot use it fails sooner, and a part that does not work
+        is reported by then.
         """
         state, t_ns = self.state, now_ns()
         processes = self.stages.needed(state.options)
@@ -274,7 +272,7 @@ class LiveSession:
             self._trial = None
         elif self._trial is None:
             self._trial = t_ns, outputs
-        elif t_ns - self._trial[0] >= TRIAL_NS and all(
+        elif t_ns - self._trial[0] >= FAULT_NS and all(
             count > self._trial[1].get(name, 0) for name, count in outputs.items()
         ):
             self._apply(state.settled())

@@ -60,13 +60,9 @@ class StageProcess:
 
     def fits(self, options: SessionOptions) -> bool:
         """Whether it may go on with these options: it is needed, and for the same viewer."""
-        if self.alive and self.is_leaving:
-            return False
-        same = (
-            not (self.alive and self.stage.restart_on_viewer_change)
-            or self.source == options.viewer.source
-        )
-        return same and self.stage.needed(options)
+        is_same = self.source == options.viewer.source or not self.stage.restart_on_viewer_change
+        may_go_on = not self.alive or (is_same and not self.is_leaving)
+        return may_go_on and self.stage.needed(options)
 
     def start(self, spec: StageSpec) -> None:
         """Spawns the process.

@@ -38,7 +38,6 @@ from lfpipe.transport.ring import SLOT_HEADER, now_ns
 # 26 octaves of 32, to 2^32 us (71 minutes), after 64 of single microseconds; longer values go to
 # the last bucket
 BUCKETS = (26 << 5) + 64
-MAX_NS = MAX_INTEGER  # of a 64-bit counter
 Times = dict[str, float]  # of `summary_ms`
 HISTOGRAM = np.dtype(
     [("count", "<i8"), ("sum_ns", "<i8"), ("max_ns", "<i8"), ("buckets", "<i8", (BUCKETS,))]
@@ -53,16 +52,9 @@ def bucket_of(us: int) -> int:
     return min((shift << 5) + (us >> shift), BUCKETS - 1)
 
 
-def middle_us(bucket: int) -> float:
-    """The value that represents a bucket."""
-    if bucket < 64:
-        return float(bucket)
-    shift = (bucket >> 5) - 1
-    low = ((bucket & 31) + 32) << shift
-    return low + ((1 << shift) - 1) / 2
-
-
-MIDDLES_US = np.array([middle_us(i) for i in range(BUCKETS)])
+# the values that represent the buckets: above 64 us, their middles
+_OCTAVES, _STEPS = np.divmod(np.arange(64, BUCKETS), 32)
+MIDDLES_US = np.concatenate([np.arange(64.0), ((2 * _STEPS + 65) * 2.0 ** (_OCTAVES - 1) - 1) / 2])
 
 
 class Histogram:
@@ -79,13 +71,13 @@ class Histogram:
     def add_ns(self, value_ns: int) -> None:
         """Adds one duration in nanoseconds; a negative one counts as 0.
 
-        Sum and maximum stop at MAX_NS.
+        Sum and maximum stop at MAX_INTEGER.
         """
-        value_ns = min(max(value_ns, 0), MAX_NS)
+        value_ns = min(max(value_ns, 0), MAX_INTEGER)
         self._buckets[bucket_of(value_ns // 1000)] += 1
         count, total, top = self._head
         count[0] += 1
-        total[0] = min(total[0] + value_ns, MAX_NS)
+        total[0] = min(total[0] + value_ns, MAX_INTEGER)
         if value_ns > top[0]:
             top[0] = value_ns
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from lfpipe.bench.simulator.metrics import Pictures
-from lfpipe.bench.simulator.run import Setup
+from lfpipe.bench.simulator.run import Screen, Setup
 from lfpipe.bench.simulator.scene import SCENES, scene_of
-from lfpipe.bench.simulator.screen import Screen
 
 SCREEN = Screen(device_latency_ms=0.0)
 

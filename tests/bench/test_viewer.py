@@ -8,7 +8,7 @@ import pytest
 
 from lfpipe.bench import viewer
 from lfpipe.bench.results import Results, Table
-from lfpipe.bench.simulator.bounds import BOUNDS, beyond
+from lfpipe.bench.simulator.metrics import BOUNDS, beyond
 from lfpipe.bench.simulator.scripts import SCRIPTS, Script
 from lfpipe.bench.viewer import MOVING, PICTURES, other_tables, script_tables
 from lfpipe.cli import cli

@@ -59,19 +59,6 @@ def only(monkeypatch: pytest.MonkeyPatch, **libraries: Any) -> None:
     monkeypatch.setattr(ctypes, "CDLL", load)
 
 
-def test_the_fence_is_libatomic_s_or_the_c_library_s(monkeypatch: pytest.MonkeyPatch) -> None:
-    called: list[object] = []
-    barrier = SimpleNamespace(OSMemoryBarrier=lambda: called.append("own"))
-    for libraries in (
-        {"libatomic": SimpleNamespace(atomic_thread_fence=called.append), "own": barrier},
-        {"own": barrier},
-    ):
-        worker._full_fence.cache_clear()
-        only(monkeypatch, **libraries)
-        worker._fence()
-    assert called == [worker.SEQ_CST, "own"]
-
-
 def test_a_machine_without_a_fence_is_refused_before_a_ring_exists(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

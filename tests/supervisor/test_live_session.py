@@ -18,10 +18,11 @@ from lfpipe.config import Render
 from lfpipe.config.session_options import Lossless, MouseViewer
 from lfpipe.errors import UserError
 from lfpipe.host import signals
+from lfpipe.notices import FAULT_NS
 from lfpipe.supervisor import requests, session, stage_process
 from lfpipe.supervisor.child import EXIT_USER, crash_report_path
 from lfpipe.supervisor.control_sockets import EXECUTE_NS
-from lfpipe.supervisor.session import IDLE_NS, INTERNAL, TRIAL_NS, LiveSession, Outcome
+from lfpipe.supervisor.session import IDLE_NS, INTERNAL, LiveSession, Outcome
 from lfpipe.supervisor.stage_process import MAX_FAILURES
 from lfpipe.transport import control
 from lfpipe.transport.control import Session
@@ -166,7 +167,7 @@ def test_a_change_is_undone_until_every_stage_has_worked_with_it(
     played = play()
     played.resting.add(resting)
     played.change(alpha_px=9.0)
-    played.step(2 * TRIAL_NS / SECOND_NS)
+    played.step(2 * FAULT_NS / SECOND_NS)
     played.ends(code, "render")
     played.live.step()
     assert bool(played.told("rolled back")) is undone

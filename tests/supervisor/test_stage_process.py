@@ -171,27 +171,6 @@ def test_wait_for_end_waits_for_what_is_being_saved_alone(
     assert hung.signals == [signals.END, signals.KILL] and len(reports) == 1
 
 
-def test_failed_five_times_in_a_minute_is_too_often(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    script = Script(monkeypatch)
-
-    def failures(times_s: list[float]) -> list[bool]:
-        process = StageProcess(STAGE, Session("s"), script.row)
-        verdicts = []
-        for t_s in times_s:
-            script.t_ns = 10**12 + int(t_s * 1e9)
-            verdicts.append(process.failed())
-        return verdicts
-
-    assert failures([0, 1, 2, 3]) == [False] * 4
-    assert failures([0, 1, 2, 3, 4]) == [False] * 4 + [True]
-    assert failures([0, 15, 30, 45, 59.9]) == [False] * 4 + [True]
-    assert failures([0, 15, 30, 45, 60]) == [False] * 5
-    assert failures([0, 15, 30, 45, 61, 61.1]) == [False] * 5 + [True], "five of the last minute"
-    assert not any(failures([20.0 * k for k in range(50)]))
-
-
 def test_failed_again_starts_later_each_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -1,17 +1,23 @@
-"""Metrics of a run against ground truth."""
+"""Metrics of a run against ground truth, and their bounds in `lfpipe bench viewer --check`.
 
+Some are of the light that reaches an eye through glasses. The matrices of GLASS turn linear RGB of
+an ordinary LCD into the XYZ behind each filter. They integrate spectra of display and filters
+(digitised in the public project angler.js, after Woods' measurements) over the CIE 1931 observer.
+The display's white is D65 with Y = 1.
+"""
+
+import csv
 import time
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.bench.glasses import GLASS, RED_CYAN, lightness
-from lfpipe.bench.results import Metrics, rms
-from lfpipe.bench.simulator.run import Run, Setup, Truth
-from lfpipe.bench.simulator.screen import Screen
+from lfpipe.bench.results import Metrics, Results, Row, Value, rms, short
+from lfpipe.bench.simulator.run import Run, Screen, Setup, Truth
 from lfpipe.bench.simulator.scripts import Script
 from lfpipe.config import Render
 from lfpipe.render.synthesis.anaglyph import MATRICES, decoded
@@ -27,6 +33,29 @@ DEPTH = 0.9  # share of the right eye distance from which on depth is full
 EVERY = 2  # pixels: spacing of the comparison through the glasses
 Float = NDArray[np.float64]
 DECODED = decoded(np.arange(256) / 255.0)  # linear light of code values
+
+# XYZ of a screen's red, green and blue at full intensity, through each filter
+GLASS = {
+    "red": np.array([(0.1909, 0.0259, 0.0001), (0.0922, 0.0135, 0.0001), (0.0, 0.0, 0.0)]),
+    "cyan": np.array([(0.0010, 0.0778, 0.1070), (0.0009, 0.2381, 0.0658), (0.0, 0.0744, 0.5735)]),
+    "green": np.array([(0.0006, 0.0429, 0.0044), (0.0006, 0.1266, 0.0170), (0.0, 0.0052, 0.0026)]),
+    "magenta": np.array(
+        [(0.2437, 0.0309, 0.0512), (0.1174, 0.0153, 0.0043), (0.0, 0.0044, 0.2621)]
+    ),
+}
+RED_CYAN = ("red", "cyan")
+
+
+def curve(ratio: Float) -> Float:
+    """The cube root of CIELAB, with its linear start."""
+    return np.where(
+        ratio > (6 / 29) ** 3, np.cbrt(np.maximum(ratio, 0.0)), ratio * (29 / 6) ** 2 / 3 + 4 / 29
+    )
+
+
+def lightness(luminance: Float, white: float) -> Float:
+    """CIE L*, 0..100 for luminance up to white."""
+    return np.asarray(116 * curve(luminance / white) - 16)
 
 
 def viewpoint_metrics(run: Run, truth: Truth, script: Script) -> Metrics:
@@ -202,3 +231,43 @@ def evenness(run: Run, screen: Screen, video_hz: float) -> float:
         for target_ns, vblank_ns in pairs
     ]
     return float(np.mean(off_plan))
+
+
+LEAST = ("depth",)
+
+
+BOUNDS: dict[str, dict[str, float]] = {
+    row.pop("row"): {metric: float(text) for metric, text in row.items() if text}
+    for row in csv.DictReader(Path(__file__).with_name("bounds.csv").read_text().splitlines())
+}
+"""By script, scene, camera and screen: the largest right value of each figure; for LEAST, the
+smallest.
+"""
+
+
+def judged(row: Row, of: str = "") -> Row:
+    """The row with its metrics compared with their bounds. of: the kind of the row; "": script."""
+    bounds = BOUNDS.get(f"{of} {row.name}" if of else row.name, {})
+    values = {
+        key: _judged(value, bounds[key], key in LEAST) if key in bounds else value
+        for key, value in row.values.items()
+    }
+    return attrs.evolve(row, values=values)
+
+
+def _judged(value: Value, bound: float, least: bool) -> Value:
+    if value.value >= bound if least else value.value <= bound:
+        return attrs.evolve(value, state="ok")
+    limit = "at least" if least else "at most"
+    return attrs.evolve(
+        value, state="failed", words=f"{short(value.value)}, {limit} {short(bound)} is right"
+    )
+
+
+def beyond(results: Results) -> list[str]:
+    """A line for each metric beyond its bound, with script, metric and bound."""
+    return [
+        f"{row.name}: {column}: {value.text}"
+        for _, row, column, value in results.judged()
+        if value.state != "ok"
+    ]

@@ -73,7 +73,7 @@ MATRICES: dict[
 }
 
 # Luminance of red, green and blue through the left and the right glass,
-# from measured spectra (`bench.glasses.GLASS`).
+# from measured spectra (`bench.simulator.metrics.GLASS`).
 _RED_CYAN = ((0.0922, 0.0135, 0.0001), (0.0009, 0.2381, 0.0658))
 _GREEN_MAGENTA = ((0.0006, 0.1266, 0.0170), (0.1174, 0.0153, 0.0043))
 MIN_LEAK = 0.01  # a smaller leak is invisible: the right filter of red/cyan transmits 0.4 %
