@@ -391,11 +391,14 @@ def _plain(word: str, text: str) -> None:
         send({"cmd": word})
 
 
-_plain("status", "Print state and latency of every stage.")
-_plain("pause", "Freeze the picture and discard frames.")
-_plain("resume", "Continue after pause.")
-_plain("recentre", "Make the viewer's position the centre of the grid.")
-_plain("stop", "End the session.")
+for _word, _text in {
+    "status": "Print state and latency of every stage.",
+    "pause": "Freeze the picture and discard frames.",
+    "resume": "Continue after pause.",
+    "recentre": "Make the viewer's position the centre of the grid.",
+    "stop": "End the session.",
+}.items():
+    _plain(_word, _text)
 
 
 @ctl.command()

@@ -6,36 +6,35 @@ import select
 import sys
 import termios
 import tty
-from collections.abc import Iterator
-from typing import Any, Self
+from collections.abc import Callable, Iterator
+from typing import Any
 
 OPENCV_SILENT, OPENCV_ERROR = 0, 2  # cv::utils::logging::LogLevel
 
 
-class Keyboard:
-    """Single keys, without waiting for Enter and without an echo. A context, which always restores
-    the terminal; without a terminal on stdin there are no keys.
+@contextlib.contextmanager
+def keyboard() -> Iterator[Callable[[float], str]]:
+    """Single keys, without waiting for Enter and without an echo: yields a function that returns
+    the next key pressed within some seconds, in lower case, or nothing. Always restores the
+    terminal; without a terminal on stdin there are no keys.
     """
+    fds = [sys.stdin.fileno()] if sys.stdin is not None and sys.stdin.isatty() else []
 
-    def __enter__(self) -> Self:
-        self._fd = sys.stdin.fileno() if sys.stdin is not None and sys.stdin.isatty() else -1
-        if self._fd >= 0:
-            self._before = termios.tcgetattr(self._fd)
-            tty.setcbreak(self._fd)
-        return self
-
-    def key(self, timeout_s: float) -> str:
-        """The next key pressed within timeout_s, in lower case, or nothing."""
-        fds = [self._fd] if self._fd >= 0 else []
+    def key(timeout_s: float) -> str:
         if not select.select(fds, [], [], max(timeout_s, 0.0))[0]:
             return ""
-        data = os.read(self._fd, 1)
+        data = os.read(fds[0], 1)
         # the terminal is gone, and nobody reads the output
         return data.decode(errors="ignore").lower() if data else "q"
 
-    def __exit__(self, *_: object) -> None:
-        if self._fd >= 0:
-            termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
+    before = [termios.tcgetattr(fd) for fd in fds]
+    try:
+        for fd in fds:
+            tty.setcbreak(fd)
+        yield key
+    finally:
+        for fd, settings in zip(fds, before, strict=True):
+            termios.tcsetattr(fd, termios.TCSADRAIN, settings)
 
 
 @contextlib.contextmanager

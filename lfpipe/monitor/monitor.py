@@ -25,7 +25,7 @@ from rich.text import Text
 from lfpipe import log
 from lfpipe.errors import UserError, plain
 from lfpipe.files.safe_files import PLACE, check_output, reason, replaced, trace_lines
-from lfpipe.host.terminal import Keyboard
+from lfpipe.host.terminal import keyboard
 from lfpipe.monitor.session_reader import Follower, Sample, Watch, snapshot
 from lfpipe.notices import latency_lines
 from lfpipe.supervisor.metrics import MotionToPhoton, SessionMetrics, StageMetrics
@@ -314,7 +314,7 @@ def screen(name: str) -> None:
     second = 0.0
     with (
         closing(Follower(name)) as follower,
-        Keyboard() as keyboard,
+        keyboard() as pressed,
         Live(screen=True, auto_refresh=False) as live,
     ):
         while True:
@@ -328,7 +328,7 @@ def screen(name: str) -> None:
             )
             while left_s := max(0.0, now + PERIOD_S - time.monotonic()):
                 try:
-                    key = keyboard.key(left_s)
+                    key = pressed(left_s)
                     if key == "r":
                         follower.reset()
                         note = "counts reset"

@@ -266,25 +266,6 @@ def _use_source(source: str, state: SessionState, answers: Mapping[str, Message]
     return Reply(answer={"source": viewer.source}, state=state.changed(viewer=viewer))
 
 
-def _keep(state: SessionState, message: Message, _t_ns: int) -> Reply:
-    """Applies the focal length of the camera, which the window has measured and saved."""
-    focal_px = message.get("focal_px")
-    _check_camera(state)
-    config = config_module.updated(state.config, {"camera.focal_px": focal_px})
-    return Reply(answer={"focal_px": focal_px}, state=state.changed(config))
-
-
-def _costs(state: SessionState, message: Message, _t_ns: int) -> Reply:
-    """Applies the measured costs of drawing."""
-    by_method = message.get("ns_per_px")
-    numbers = [message.get("picture_px"), message.get("cores")]
-    if not isinstance(by_method, dict) or not all(
-        map(_is_positive, (*by_method.values(), *numbers))
-    ):
-        raise BadMessage("costs needs `ns_per_px` by method, `picture_px` and `cores`")
-    return Reply(state=state.with_costs(converter().structure(message, DrawingCosts)))
-
-
 def _check_eyes(state: SessionState) -> None:
     """Raises UserError if there is nothing to record."""
     if not has_eyes(state):
@@ -292,12 +273,6 @@ def _check_eyes(state: SessionState) -> None:
             "no camera is in use: the scene is a single view",
             "record without a scene: `lfpipe record OUT`",
         )
-
-
-def _check_camera(state: SessionState) -> None:
-    """Raises UserError if there is no camera to measure."""
-    if not is_measurable(state.options.viewer):
-        raise UserError("no camera is in use", "choose one: `lfpipe ctl viewer camera:0`")
 
 
 def has_eyes(state: SessionState) -> bool:
@@ -371,8 +346,8 @@ def _action(state: SessionState, message: Message, _t_ns: int) -> Reply:
         raise UserError("nobody looks at this session", "start one that shows: `lfpipe up SCENE`")
     if name == "record":
         _check_eyes(state)
-    if name == "calibrate":
-        _check_camera(state)
+    if name == "calibrate" and not is_measurable(state.options.viewer):
+        raise UserError("no camera is in use", "choose one: `lfpipe ctl viewer camera:0`")
     if name in ("glasses", "calibrate") and state.options.lock_code:
         raise UserError("the window is locked", "open that page before `--kiosk`")
     sent: Message = {key: message[key] for key in ("name", "value") if key in message}
@@ -407,7 +382,12 @@ HANDLERS: dict[str, Handler] = {
     "trace": _output,
     "record": _output,
     "viewer": _viewer,
-    "keep": _keep,
-    "costs": _costs,
+    # the focal length of the camera, which the window has measured and saved
+    "keep": lambda state, message, t_ns: _set(
+        state, {"set": {"camera.focal_px": message.get("focal_px")}}, t_ns
+    ),
+    "costs": lambda state, message, _t_ns: Reply(
+        state=state.with_costs(converter().structure(message, DrawingCosts))
+    ),
     "stop": lambda _state, _message, _t_ns: Reply(stop=True),
 }

@@ -10,7 +10,6 @@ State is never sent over tap: `hello` answers with a snapshot. Every message car
 "v".
 """
 
-import contextlib
 import json
 import os
 import re
@@ -269,42 +268,32 @@ def connect(socket: zmq.Socket[bytes], run_dir: Path, name: str) -> None:
     socket.connect(f"ipc://{run_dir / name}")
 
 
-class Client:
-    """A connection to the session in run_dir."""
-
-    def __init__(self, run_dir: Path) -> None:
-        with contextlib.ExitStack() as parts:
-            self._socket = parts.enter_context(parts.enter_context(context()).socket(zmq.DEALER))
-            self._end = parts.enter_context(self._socket.get_monitor_socket(zmq.EVENT_DISCONNECTED))
-            connect(self._socket, run_dir, "ctl")
-            self.close = parts.pop_all().close
-
-    def request(self, message: Message, timeout_s: float) -> Message:
-        """As `request`."""
-        try:
-            data = encode(message)
-        except BadMessage as error:
-            raise UserError(
-                f"{message.get('cmd')}: the request cannot be sent: {error}",
-                "use a shorter one with plain values",
-            ) from None
-        remedy = "check whether it is running: `lfpipe monitor --once`"
-        self._socket.send(data)
-        if not zmq.select([self._socket, self._end], [], [], timeout_s)[0]:
-            raise UserError(f"the session did not answer within {timeout_s:g} s", remedy)
-        if not self._socket.poll(0):  # its last answer may have come with the end
-            raise UserError("the session ended before it answered", remedy)
-        answer = Answer.of(decode(self._socket.recv()))
-        if not answer.ok:
-            raise UserError(answer.error or "refused", answer.remedy)
-        return answer.values
-
-
 def request(run_dir: Path, message: Message, timeout_s: float = 2.0) -> Message:
     """Sends one command to the session in run_dir and returns its answer.
 
     Raises UserError if there is no answer, if the session ends meanwhile, or if the answer is an
     error.
     """
-    with contextlib.closing(Client(run_dir)) as client:
-        return client.request(message, timeout_s)
+    try:
+        data = encode(message)
+    except BadMessage as error:
+        raise UserError(
+            f"{message.get('cmd')}: the request cannot be sent: {error}",
+            "use a shorter one with plain values",
+        ) from None
+    remedy = "check whether it is running: `lfpipe monitor --once`"
+    with (
+        context() as ctx,
+        ctx.socket(zmq.DEALER) as socket,
+        socket.get_monitor_socket(zmq.EVENT_DISCONNECTED) as end,
+    ):
+        connect(socket, run_dir, "ctl")
+        socket.send(data)
+        if not zmq.select([socket, end], [], [], timeout_s)[0]:
+            raise UserError(f"the session did not answer within {timeout_s:g} s", remedy)
+        if not socket.poll(0):  # its last answer may have come with the end
+            raise UserError("the session ended before it answered", remedy)
+        answer = Answer.of(decode(socket.recv()))
+    if not answer.ok:
+        raise UserError(answer.error or "refused", answer.remedy)
+    return answer.values

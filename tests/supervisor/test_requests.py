@@ -36,7 +36,7 @@ LIST: Message = {"playlist": ("/a", "/b", "/c"), "playlist_at": 2}
 def reply_to(state: SessionState, message: Message) -> Reply | str:
     """The reply, or the text of the refusal."""
     try:
-        return respond(state, message, 7, "render")
+        return respond(state, message, 7)
     except BadMessage as error:
         return str(error)
     except UserError as error:
@@ -167,23 +167,6 @@ REFUSED: list[tuple[str, Message, str, list[Message]]] = [
     ("record", {"viewer": NoViewer()}, "single view", [{"path": "/r"}]),
     ("trace", {}, "absolute path", [{"path": "t"}, {}]),
     ("trace", {"show": False}, "no pictures", [{"path": "/t"}]),
-    (
-        "costs",
-        {},
-        "costs needs",
-        [
-            {"ns_per_px": {"warp": 7.0}, "picture_px": 9, "cores": 2} | wrong
-            for wrong in (
-                {"ns_per_px": {"warp": True}},
-                {"picture_px": True},
-                {"cores": 0},
-                {"cores": float("inf")},
-                {"ns_per_px": [7.0]},
-            )
-        ],
-    ),
-    ("keep", {}, "camera.focal_px", [{"focal_px": wrong} for wrong in (-1, True, None)]),
-    ("keep", {"viewer": MouseViewer()}, "no camera is in use", [{"focal_px": 600.0}]),
     ("viewer", {"record": "/r"}, "being recorded", [{"source": "mouse"}]),
     ("viewer", {"viewer": NoViewer()}, "single view", [{"source": "mouse"}]),
     ("viewer", LOCKED, "no mouse", [{"source": "mouse"}]),
@@ -327,7 +310,7 @@ def test_only_the_window_applies_a_measured_focal_length() -> None:
         with pytest.raises(BadMessage, match="only the window"):
             respond(made_state(), message, 0, sender)
     reply = respond(made_state(), message, 0, "render")
-    assert reply.answer == {"focal_px": 612.5} and reply.state is not None
+    assert reply.answer == {"set": {"camera.focal_px": 612.5}} and reply.state is not None
     assert reply.state.config.camera.focal_px == 612.5
 
 
