@@ -60,12 +60,7 @@ def is_shown() -> bool:
 
 @contextlib.contextmanager
 def kept_in(run_dir: Path) -> Iterator[None]:
-    """Logs to the session's file inside the block, also in a program that has not called
-    `set_up`.
-    """
-    level = _ROOT.level
-    if level == logging.NOTSET:
-        _ROOT.setLevel(logging.INFO)
+    """Logs to the session's file inside the block."""
     logging.raiseExceptions = False  # a log that cannot be written ends nothing
     path = run_dir / f"{multiprocessing.current_process().name}.log"
     handler = RotatingFileHandler(
@@ -78,7 +73,6 @@ def kept_in(run_dir: Path) -> Iterator[None]:
     finally:
         _ROOT.removeHandler(handler)
         handler.close()
-        _ROOT.setLevel(level)
 
 
 def lines(run_dir: Path) -> bytes:

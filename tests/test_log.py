@@ -36,6 +36,7 @@ def test_log_escapes_what_a_record_quotes(
 
 def _write(path: Path, name: str, count: int) -> None:
     multiprocessing.current_process().name = name
+    log.set_up()
     with log.kept_in(path):
         for number in range(count):
             logging.getLogger("lfpipe").info("%s %d %s", name, number, "x" * 400)

@@ -1,5 +1,5 @@
 """Charts of error against run time, as HTML images, and the first screen of a report: one chart,
-three sentences and the headline figures.
+one sentence and the headline figures.
 """
 
 import base64
@@ -131,13 +131,12 @@ LESS = "of 30 Hz and a screen of 60 Hz; less is better"
 
 
 def summary(benchmark: Benchmark, results: Results) -> str:
-    """HTML; "" for a benchmark without `sentences`."""
-    if not (texts := sentences(benchmark, results)):
+    """HTML; "" for a benchmark without a `sentence`."""
+    if not (text := sentence(benchmark, results)):
         return ""
-    lead, *others = map(html.escape, texts)
-    text = f"<p class=lead><b>{lead}</b> {' '.join(others)}</p>"
+    lead = f"<p class=lead>{html.escape(text)}</p>"
     shown, _ = _alternatives(benchmark, results)
-    return text + chart(benchmark, shown, *benchmark.charts[0]) + _headlines(results)
+    return lead + chart(benchmark, shown, *benchmark.charts[0]) + _headlines(results)
 
 
 def _alternatives(benchmark: Benchmark, results: Results) -> tuple[list[Row], Row | None]:
@@ -151,44 +150,21 @@ def _alternatives(benchmark: Benchmark, results: Results) -> tuple[list[Row], Ro
     ], used
 
 
-def sentences(benchmark: Benchmark, results: Results) -> list[str]:
-    """What the first chart shows of a benchmark that chooses by its error; nothing where there is
-    none, or no default was measured.
+def sentence(benchmark: Benchmark, results: Results) -> str:
+    """The default against the paper's method, of a benchmark that chooses by its error; "" where
+    there is none, or no default was measured.
     """
     rows, used = _alternatives(benchmark, results)
     if used is None or benchmark.choice is None:
-        return []
+        return ""
     cost, error = (benchmark.column(key) for key in benchmark.charts[0])
-
-    def times(row: Row, base: Row) -> str:
-        return f"{row.value(cost.key) / max(base.value(cost.key), 1e-9):.2g} times"
-
-    own = f"{error.label[0].upper()}{error.label[1:]}: {used.values[error.key].text} {error.unit}"
-    own = f"{own.rstrip()} by default"
+    text = f"{error.label[0].upper()}{error.label[1:]}: {used.values[error.key].text} {error.unit}"
+    text = f"{text.rstrip()} by default"
     for paper in (row for row in rows if row.paper):
-        own += f", {paper.values[error.key].text} by the paper's method"
-        own += f", at {times(used, paper)} its {cost.label}"
-    texts = [f"{own}."]
-    others = [row for row in rows if not (row.used or row.paper)]
-    if others:
-        best = min(others, key=lambda row: row.value(error.key))
-        texts.append(
-            f"The alternative with the least error, {best.name}, has"
-            f" {best.values[error.key].text} at {times(best, used)} that of the default."
-        )
-    tie = benchmark.choice.difference
-    better = [
-        row.name
-        for row in others
-        if row.value(error.key) < used.value(error.key) - tie
-        and row.value(cost.key) < used.value(cost.key)
-    ]
-    texts.append(
-        f"Better in both: {', '.join(better)}."
-        if better
-        else "Nothing in this chart is better in both."
-    )
-    return texts
+        times = used.value(cost.key) / max(paper.value(cost.key), 1e-9)
+        text += f", {paper.values[error.key].text} by the paper's method"
+        text += f", at {times:.2g} times its {cost.label}"
+    return f"{text}."
 
 
 def headlines(results: Results) -> list[tuple[str, str, str]]:

@@ -83,15 +83,6 @@ def ssim(a: Float, b: Float) -> float:
     )
 
 
-def check_libraries() -> None:
-    """Raises UserError if scikit-image is not installed."""
-    if importlib.util.find_spec("skimage") is None:
-        raise UserError(
-            "bench table needs scikit-image for SSIM, which is not installed here",
-            f"`{install_command('scikit-image')}`",
-        )
-
-
 def kept_views(count: int, keep: int) -> range:
     """Indices of the kept views along an axis, evenly spaced among the central ones; a single view
     is kept.
@@ -162,7 +153,11 @@ def measure_scenes(
     scenes: (path, function that opens it); a scene that does not fit the protocol is skipped.
     Raises UserError if a library is missing.
     """
-    check_libraries()
+    if importlib.util.find_spec("skimage") is None:
+        raise UserError(
+            "bench table needs scikit-image for SSIM, which is not installed here",
+            f"`{install_command('scikit-image')}`",
+        )
     whole = Results(TABLE.name, about=conditions())
     rows = list[Row]()
     for path, open_field in scenes:

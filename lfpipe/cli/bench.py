@@ -12,7 +12,7 @@ from lfpipe.bench.page import write_report
 from lfpipe.bench.results import Results, write
 from lfpipe.bench.runner import measure, opened
 from lfpipe.bench.simulator.metrics import beyond
-from lfpipe.bench.summary import headlines, sentences
+from lfpipe.bench.summary import headlines, sentence
 from lfpipe.bench.table import Protocol, measure_scenes
 from lfpipe.cli.terminal import PATH, Group, print_result, progress, say, with_config
 from lfpipe.config import Config
@@ -166,7 +166,7 @@ def _report(results: dict[str, Results], out: Path, names: Sequence[str] = ()) -
             say(f"failed: {method}: {reason}")
     print_result(write_report(results, out))
     for name in names:
-        if texts := sentences(BENCHMARKS[name], results[name]):
-            print_result(" ".join([f"{BENCHMARKS[name].title}:", *texts]))
+        if text := sentence(BENCHMARKS[name], results[name]):
+            print_result(f"{BENCHMARKS[name].title}: {text}")
         for text, own, paper in headlines(results[name]):
             print_result(f"{text}: {own}; the paper's pipeline {paper}")

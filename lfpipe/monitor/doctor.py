@@ -124,19 +124,8 @@ def camera_checks(source: str, devices: list[CameraDevice]) -> list[Check]:
         return [Check("camera", True, "none: over the window, the mouse is the viewer")]
     if not devices:
         return [Check("camera", False, f"none, but camera.source is {source}", NO_CAMERA)]
-    ranking = ranked(devices)
-    checks = [camera(device) for device, _ in ranking]
-    if source:
-        return checks
-    texts = [
-        "used by default",
-        *(f"not used: {doubt or 'not the first'}" for _, doubt in ranking[1:]),
-    ]
-    first, *others = (
-        attrs.evolve(check, detail=f"{check.detail}; {text}")
-        for check, text in zip(checks, texts, strict=True)
-    )
-    return [attrs.evolve(first, ok=not first.remedy), *others]
+    first, *others = (camera(device) for device, _ in ranked(devices))
+    return [first if source else attrs.evolve(first, ok=not first.remedy), *others]
 
 
 def camera(device: CameraDevice) -> Check:

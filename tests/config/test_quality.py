@@ -1,22 +1,18 @@
 """Levels of quality: which drawings are worth their time, and what a session lowers."""
 
-import json
 from typing import Any
 
 import attrs
 import pytest
 
-from lfpipe.config import Config, DrawingCosts, Render, SessionOptions, converter
+from lfpipe.config import Config, DrawingCosts, Render, SessionOptions
 from lfpipe.config.quality import (
     METHODS,
     SIZES,
     drawing_levels,
     first_level,
-    level_number,
-    lowered,
     method_in_use,
     quality_levels,
-    tracked_every,
 )
 from lfpipe.config.session_options import NoViewer
 from tests.supervisor.states import SCENE
@@ -114,22 +110,3 @@ def test_first_level_fits_the_refresh(side_px: int, rate_hz: int, first: tuple[s
     levels = quality_levels(config, session)
     level = levels[first_level(config, session, levels)]
     assert (level.method, level.size) == first
-
-
-def test_lowered_applies_a_level_and_keeps_the_configuration() -> None:
-    config = Config()
-    session = options()
-    for level in quality_levels(config, session):
-        sent = converter().unstructure(attrs.evolve(session, level=level if level.number else None))
-        told = converter().structure(json.loads(json.dumps(sent)), SessionOptions)
-        work = lowered(config, told)
-        assert (level_number(told), tracked_every(told)) == (level.number, level.every)
-        drawn = work.render.method, work.render.nominal_hz
-        assert work == config if not level.number else drawn == (level.method, level.rate_hz)
-        assert attrs.evolve(work, render=config.render) == config
-        assert told.scene is not None and told.scene.errors == ERRORS
-    assert (
-        lowered(config, session) is config
-        and level_number(session) == 0
-        and tracked_every(session) == 1
-    )
