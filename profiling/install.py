@@ -6,7 +6,6 @@ Needs a package index, and some minutes. A way that cannot be installed is a row
 exit code 1.
 """
 
-import argparse
 import os
 import platform
 import subprocess
@@ -78,9 +77,6 @@ def measured(way: str, path: str, folder: Path) -> tuple[str, ...]:
 
 
 def main() -> int:
-    argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    ).parse_args()
     rows = []
     for version in PYTHONS:
         path = find_python(version)

@@ -102,11 +102,15 @@ def filter_table(rates_hz: tuple[int, ...], moving: bool, frames: int) -> Table:
         for what, rate in itertools.product(DISTURBANCES, rates_hz)
     }
     filters = {name: name for name in FILTERS}
-    return judged_table(title, note, "wrong", cases, filters, judge, _only)
-
-
-def _only(_case: object, name: str) -> str:
-    return "" if name == FILTERS[0] else f"track.filter={name}"
+    return judged_table(
+        title,
+        note,
+        "wrong",
+        cases,
+        filters,
+        judge,
+        lambda _case, name: "" if name == FILTERS[0] else f"track.filter={name}",
+    )
 
 
 def mapping_error(alpha_px: float, u: float, count: int = 9, reach: float = 2.0) -> float:

@@ -30,7 +30,7 @@ from lfpipe.scene.pack import prepare_cache
 from lfpipe.supervisor import rundir
 from lfpipe.supervisor.session import try_session
 from lfpipe.track import models
-from lfpipe.transport.control import Session, base_dir
+from lfpipe.transport.control import MANIFEST, Session, base_dir
 
 NO_CAMERA = (
     "plug it in, or use --camera mouse, --camera demo, or a recording with --camera file:PATH"
@@ -216,9 +216,8 @@ def write_report(path: Path, results: list[Check], overwrite: bool = False) -> N
         contents[log.last_file().name] = log.last_file().read_bytes()
     for name in rundir.running():
         run_dir = Session(name).run_dir
-        with contextlib.suppress(OSError, ValueError):  # it has just ended
-            about = json.loads((run_dir / "session.json").read_text())
-            contents[f"{name}/session.json"] = json.dumps(about, indent=1)
+        with contextlib.suppress(OSError):  # it has just ended
+            contents[f"{name}/{MANIFEST}"] = (run_dir / MANIFEST).read_bytes()
             contents[f"{name}/{log.FILE}"] = log.lines(run_dir)
             contents |= {
                 f"{name}/{stack.name}": stack.read_bytes()

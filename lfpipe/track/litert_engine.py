@@ -98,8 +98,7 @@ class Liveness:
 
     def others_alive(self, others: list[Face]) -> list[Face]:
         """The other faces of a scan that have moved since they were first seen here."""
-        before = self._others
-        self._others = []
+        before, self._others = self._others, []
         alive = []
         for face in others:
             here = _middle(face)

@@ -179,10 +179,7 @@ class Roi:
         y0 = min(max(int(self.y_px - reach), 0), height)
         y1 = min(max(int(self.y_px + reach), 0), height)
         if x1 - x0 < 1 or y1 - y0 < 1:
-            x0 = 0
-            y0 = 0
-            x1 = width
-            y1 = height
+            x0, y0, x1, y1 = 0, 0, width, height
         moved = matrix.copy()
         moved[0, 2] -= x0
         moved[1, 2] -= y0

@@ -387,14 +387,12 @@ class Context:
         in `config`.
         """
         self.news = False
-        commands = self._commands
-        self._commands = []
+        commands, self._commands = self._commands, []
         return commands
 
     def answers(self) -> list[Answer]:
         """Answers since the last call, to a `request`."""
-        answers = self._answers
-        self._answers = []
+        answers, self._answers = self._answers, []
         return answers
 
     @property

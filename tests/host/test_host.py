@@ -9,7 +9,6 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -48,21 +47,10 @@ def forgotten() -> Iterator[None]:
     worker._full_fence.cache_clear()
 
 
-def only(monkeypatch: pytest.MonkeyPatch, **libraries: Any) -> None:
-    """The only libraries of this machine; "own" is the C library."""
-
-    def load(name: str | None) -> Any:
-        if (key := (name or "own").partition(".")[0]) not in libraries:
-            raise OSError(f"{name}: cannot open shared object file")
-        return libraries[key]
-
-    monkeypatch.setattr(ctypes, "CDLL", load)
-
-
 def test_a_machine_without_a_fence_is_refused_before_a_ring_exists(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    only(monkeypatch, own=SimpleNamespace())
+    monkeypatch.setattr(ctypes, "CDLL", lambda name: SimpleNamespace())  # without functions
     monkeypatch.setattr(ring, "fence", worker._fence)
     spec = ring.RingSpec((4,), np.dtype("u1"))
     refused = refusal(ring.create, tmp_path / "a.ring", spec)
