@@ -18,7 +18,7 @@ import numpy as np
 
 from lfpipe.config import Render, Scene
 from lfpipe.render.display.display import HELP, Event, Item, Menu, Overlay
-from lfpipe.render.display.panels import EDGE_PX, ItemPanel, menu_panel, text_panel, top_px
+from lfpipe.render.display.panels import EDGE_PX, Panel, menu_panel, text_panel, top_px
 from lfpipe.render.display.window_system import pygame
 from lfpipe.render.ui.pages import Distance, calibration_page, glasses_menu, instructions
 from lfpipe.render.ui.scenes import OPEN
@@ -32,17 +32,17 @@ SETTLE_S = 1.5  # then a page is there, with what it reads
 SHEET_COLS, SHEET_PX, QUALITY = 3, 640, 75
 
 
-def _menu(finger: Finger, menu: Menu) -> ItemPanel:
+def _menu(finger: Finger, menu: Menu) -> Panel:
     return menu_panel(menu, 0, (finger.size_px[0], finger.bar().at[1]), finger.text_px)
 
 
-def _text(finger: Finger, text: Overlay) -> ItemPanel:
+def _text(finger: Finger, text: Overlay) -> Panel:
     shown = Overlay(title=text.title, lines=text.lines, items=text.items)
     top = EDGE_PX if text.items else top_px(finger.text_px)
     return text_panel(shown, finger.bar().at[1], finger.size_px, finger.text_px, top)
 
 
-def _test(finger: Finger) -> ItemPanel:
+def _test(finger: Finger) -> Panel:
     return _text(finger, instructions(Render(**finger.world.monitor()["config"]["render"])))
 
 

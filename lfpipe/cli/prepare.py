@@ -193,7 +193,7 @@ def check(arguments: UpArguments, request: Request) -> None:
     if trace is not None:
         written = [] if video is None else [video]
         check_output(trace, [*inputs, *written], arguments.overwrite, "--trace")
-    check_display(request.display, str(request.config.screen.monitor))
+    check_display(request.display)
 
 
 def _open_source(arguments: UpArguments, request: Request) -> SessionPlan:

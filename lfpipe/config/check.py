@@ -334,9 +334,10 @@ def write_keys(path: Path, section: str, values: Mapping[str, float | bool | str
         ) from None
 
 
-def check_focal(focal_px: float, width_px: int) -> float:
-    """The field of view in degrees of a measured focal length. Raises UserError if no webcam has
-    it: the distance was wrong.
+def keep_focal(camera: str, focal_px: float, width_px: int) -> None:
+    """Stores the measured focal length of a camera, and removes one from the user's settings, which
+    would override it. Raises UserError if no webcam has its field of view: the distance was wrong;
+    and as `write_keys`.
     """
     fov_deg = math.degrees(2 * math.atan(width_px / 2 / focal_px))
     if not USUAL_DEG[0] <= fov_deg <= USUAL_DEG[1]:
@@ -346,17 +347,9 @@ def check_focal(focal_px: float, width_px: int) -> float:
             "measure the distance, and try again; if the lens really has this field of view, set"
             f" focal_px = {focal_px} under [camera] in {user_file()}",
         )
-    return fov_deg
-
-
-def keep_focal(camera: str, focal_px: float, width_px: int) -> bool:
-    """Stores the measured focal length of a camera. Returns whether one was removed from the user's
-    settings, which would override it. Raises UserError as `write_keys`.
-    """
     write_keys(camera_file(), camera, {"focal_px": focal_px, "width_px": width_px})
-    if overridden := has_key("camera", "focal_px"):
+    if has_key("camera", "focal_px"):
         write_keys(user_file(), "camera", {"focal_px": None})
-    return overridden
 
 
 def _range(key: Key) -> str:

@@ -29,9 +29,8 @@ from lfpipe.render.viewer.geometry import Parallax
 from lfpipe.render.viewer.presence import ViewerState
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.sequence.packets import PacketWriter, encoded, read_truth
-from lfpipe.transport import ring
 from lfpipe.transport.context import BEAT_NS, Context, RingOutput
-from lfpipe.transport.ring import SECOND_NS, Stamp, StampKind
+from lfpipe.transport.ring import SECOND_NS, Stamp, StampKind, Writer
 from lfpipe.transport.status import Row
 
 MAX_PREDICTION_NS = int(MAX_PREDICTION_S * SECOND_NS)
@@ -207,7 +206,7 @@ class PictureRing(Listener):
     _segment: Callable[[str], Path]
     """The shared memory of a ring."""
     _name: str = ""
-    _ring: ring.Writer | None = None
+    _ring: Writer | None = None
     _picture: NDArray[np.uint8] | None = None  # on the screen, for a new ring
 
     def set_options(self, options: SessionOptions) -> None:
@@ -219,7 +218,7 @@ class PictureRing(Listener):
         self._ring = None
         if options.pictures:
             with contextlib.suppress(FileNotFoundError):  # released before it was used
-                self._ring = ring.Writer(self._segment(options.pictures))
+                self._ring = Writer(self._segment(options.pictures))
         self._write(None)
 
     def handed_over(self, presentation: Presentation) -> None:
@@ -238,12 +237,10 @@ class PictureRing(Listener):
         if fit_area((self._ring.shape[1], self._ring.shape[0]), size_px)[2:] != size_px:
             return
         scale_into(picture, self._ring.begin())
-        if stamp is None:
-            self._ring.publish(-1, 0, 0)
-        else:
-            self._ring.publish(
-                stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind
-            )
+        stamp = stamp or Stamp(0, -1, 0, 0, 0, 0, 0)  # of no frame
+        self._ring.publish(
+            stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind
+        )
 
 
 # Stamps of presented pictures, for stages that request them.
@@ -302,8 +299,9 @@ class LiveRow(Listener):
     def presented(self, presentation: Presentation) -> None:
         t_views_ns = presentation.more.get("t_views_ns")
         if t_views_ns is not None and presentation.composed and presentation.by != REPLACED:
-            age_ns = max(presentation.t_presented_ns - t_views_ns, 0)
-            self._row.histograms["views_age"].add_ns(age_ns)
+            self._row.histograms["views_age"].add_ns(
+                max(presentation.t_presented_ns - t_views_ns, 0)
+            )
 
 
 # The pictures that a replay keeps: a digest of each, a few for people, and as many as fit for a
@@ -351,20 +349,16 @@ class ReplayWriter(Listener):
                 if not self._named:
                     self._named["first"] = picture.copy()
                 self._named["last"] = picture
-            error_px = self._error_px(presentation)
-            if error_px > self._worst_px:  # false without ground truth
-                self._named["worst"] = picture.copy()
-                self._worst_px = error_px
+            if self._truth:
+                used_px = np.reshape(presentation.viewpoints.eyes_px, (2, 2))
+                seen_ns = presentation.display_time.seen_ns - self._first_ns
+                error_px = float(self._truth.error_px(used_px, seen_ns))
+                if error_px > self._worst_px:
+                    self._named["worst"] = picture.copy()
+                    self._worst_px = error_px
         filtered_px = presentation.eyes.record.filtered_px
         presentation.more["eyes_filtered"] = {"left": filtered_px[:2], "right": filtered_px[2:]}
         presentation.more["picture"] = self._digest
-
-    def _error_px(self, presentation: Presentation) -> float:
-        if not self._truth:
-            return -1.0
-        used_px = np.reshape(presentation.viewpoints.eyes_px, (2, 2))
-        seen_ns = presentation.display_time.seen_ns - (self._first_ns or 0)
-        return float(self._truth.error_px(used_px, seen_ns))
 
     def _store(self, stamp: Stamp, picture: NDArray[np.uint8]) -> None:
         if stamp.source_seq % self._stride:

@@ -30,9 +30,8 @@ class LiveInput:
         self._live = live
         self._views = context.input("views")
         self._disparity = context.input("disparity")
-        self._store = LiveViews(live, name)
-        self.field = self._store.field
-        """The light field on show."""
+        self.store = LiveViews(live, name)
+        """Has the light field on show."""
         self.stamp: Stamp | None = None
         """Of its views."""
         self.own_disparity = False
@@ -54,17 +53,17 @@ class LiveInput:
             if measured != (frame.epoch, frame.source_seq):
                 continue
             if self.stamp is None or frame.seq >= self.stamp.seq:
-                self._store.show(picture, self._in_need(positions), self._record, frame.t_sensor_ns)
+                self.store.show(picture, self._in_need(positions), self._record, frame.t_sensor_ns)
                 return self._showing(frame, own_disparity=True)
             # for frames after it
-            self._store.measure(picture, self._record, frame.t_sensor_ns)
+            self.store.measure(picture, self._record, frame.t_sensor_ns)
         waiting = [one for one in self._frames if self.stamp is None or one[0].seq > self.stamp.seq]
         # once one was late, the next ones are not waited for
         late = self.stamp is not None and not self.own_disparity
         limit_ns = LATE_FRAMES * self._interval_ns
         if waiting and (late or t_ns - waiting[0][0].t_publish_ns > limit_ns):
             frame, picture = waiting[-1]
-            self._store.show_with_last(picture, self._in_need(positions))
+            self.store.show_with_last(picture, self._in_need(positions))
             return self._showing(frame, own_disparity=False)
         return None
 
@@ -84,8 +83,7 @@ class LiveInput:
 
     def _showing(self, stamp: Stamp, own_disparity: bool) -> LightField:
         self.stamp, self.own_disparity = stamp, own_disparity
-        self.field = self._store.field
-        return self.field
+        return self.store.field
 
     def _in_need(self, positions: Iterable[Position]) -> list[View]:
         """The views to take from a frame: all of a small grid, else those around the viewpoints and

@@ -33,9 +33,8 @@ class _Frame(NamedTuple):
     """Eyes of a camera frame."""
 
     t_ns: int
-    x: float
-    y: float
-    """(x, y) is the middle of the eyes, px."""
+    at: complex
+    """The middle of the eyes, px: x + iy."""
     eye_distance_px: float
 
 
@@ -46,15 +45,15 @@ class _Picture(NamedTuple):
     """When it appears."""
     t_middle_ns: int
     """The middle of its display time, for which it was made."""
-    x: float
-    y: float
+    at: complex
+    """The middle of the eyes that it was made for."""
 
 
-class MotionLatency:
-    """onset_ns, steady_ns: 0 until they are measured."""
+class MotionLatency(Listener):
+    """Measures the latency of a session whose device latency is known, for the status row."""
 
-    def __init__(self) -> None:
-        self.onset_ns = self.steady_ns = 0
+    def __init__(self, row: Row) -> None:
+        self._row = row
         self._frames: deque[_Frame] = deque()  # of the last REST_NS
         self._pictures: deque[_Picture] = deque(maxlen=240)  # a second and more at every rate
         self._rest: _Frame | None = None  # the middle of the last rest, and its end
@@ -76,7 +75,7 @@ class MotionLatency:
         if eyes_px is None or (last is not None and t_sensor_ns == last.t_ns):
             return
         frame = _Frame(
-            t_sensor_ns, *middle_of(eyes_px), max(math.dist(eyes_px[:2], eyes_px[2:]), 1.0)
+            t_sensor_ns, complex(*middle_of(eyes_px)), max(math.dist(eyes_px[:2], eyes_px[2:]), 1.0)
         )
         if last is not None:
             self._add_lag(last, frame)
@@ -95,15 +94,17 @@ class MotionLatency:
         """
         self._pictures.append(
             _Picture(
-                t_presented_ns + device_latency_ns, t_presented_ns + after_ns, *middle_of(eyes_px)
+                t_presented_ns + device_latency_ns,
+                t_presented_ns + after_ns,
+                complex(*middle_of(eyes_px)),
             )
         )
 
     def _add_lag(self, last: _Frame, frame: _Frame) -> None:
         """Compares the pictures between two frames with where the eyes were."""
         period_ns = frame.t_ns - last.t_ns
-        dx, dy = frame.x - last.x, frame.y - last.y
-        if math.hypot(dx, dy) / last.eye_distance_px * SECOND_NS / period_ns < UNDER_WAY:
+        step = frame.at - last.at
+        if abs(step) / last.eye_distance_px * SECOND_NS / period_ns < UNDER_WAY:
             self._under_way_ns = None
             return
         if self._under_way_ns is None:
@@ -112,10 +113,10 @@ class MotionLatency:
             share = (picture.t_middle_ns - last.t_ns) / period_ns
             if not 0 < share <= 1 or picture.t_middle_ns - self._under_way_ns < SETTLED_NS:
                 continue
-            behind = (last.x + share * dx - picture.x) * dx + (last.y + share * dy - picture.y) * dy
-            self._lag = DECAY * self._lag + behind * period_ns
-            self._power = DECAY * self._power + dx * dx + dy * dy
-            self.steady_ns = round(self._lag / self._power)
+            behind = (last.at + share * step - picture.at) * step.conjugate()
+            self._lag = DECAY * self._lag + behind.real * period_ns
+            self._power = DECAY * self._power + abs(step) ** 2
+            self._row["steady_ns"] = round(self._lag / self._power)
 
     def _find_motion(self, last: _Frame, frame: _Frame) -> None:
         """Finds the end of a rest: the time at which the eyes were ONSET from where they had
@@ -124,14 +125,12 @@ class MotionLatency:
         reach_px = ONSET * last.eye_distance_px
         frames = self._frames
         if frames[0].t_ns <= last.t_ns - 0.9 * REST_NS:
-            x = sum([f.x for f in frames]) / len(frames)
-            y = sum([f.y for f in frames]) / len(frames)
-            if max([math.hypot(f.x - x, f.y - y) for f in frames]) < reach_px / 2:
-                self._rest = _Frame(last.t_ns, x, y, last.eye_distance_px)
+            mean = sum(f.at for f in frames) / len(frames)
+            if max(abs(f.at - mean) for f in frames) < reach_px / 2:
+                self._rest = last._replace(at=mean)
         if (rest := self._rest) is None:
             return
-        before_px = math.hypot(last.x - rest.x, last.y - rest.y)
-        now_px = math.hypot(frame.x - rest.x, frame.y - rest.y)
+        before_px, now_px = abs(last.at - rest.at), abs(frame.at - rest.at)
         if now_px <= reach_px:
             if frame.t_ns - rest.t_ns > START_NS:
                 self._rest = None
@@ -146,28 +145,21 @@ class MotionLatency:
         """Finds the first picture that shows the last motion, if it is not found yet."""
         if self._motion is None:
             return
-        ((start_ns, x, y, _), reach_px), self._motion = self._motion, None
+        (start, reach_px), self._motion = self._motion, None
         shows = [
-            picture.t_light_ns - start_ns
+            picture.t_light_ns - start.t_ns
             for picture in self._pictures
-            if math.hypot(picture.x - x, picture.y - y) > reach_px
+            if abs(picture.at - start.at) > reach_px
         ]
         if late_ns := [late_ns for late_ns in shows if 0 <= late_ns <= WITHIN_NS]:
             self._onsets += 1
-            self.onset_ns += round((late_ns[0] - self.onset_ns) * max(SHARE, 1 / self._onsets))
-
-
-class MotionLatencyRow(Listener):
-    """Measures the latency of a session whose device latency is known, for the status row."""
-
-    def __init__(self, row: Row) -> None:
-        self._row = row
-        self._latency = MotionLatency()
+            change_ns = late_ns[0] - self._row["onset_ns"]
+            self._row["onset_ns"] += round(change_ns * max(SHARE, 1 / self._onsets))
 
     def handed_over(self, presentation: Presentation) -> None:
         eyes = presentation.eyes
         if presentation.display_time.device_latency_ns and eyes is not None and not eyes.by_mouse:
-            self._latency.add_eyes(eyes.t_ns, eyes.record.raw_px if presentation.face else None)
+            self.add_eyes(eyes.t_ns, eyes.record.raw_px if presentation.face else None)
 
     def presented(self, presentation: Presentation) -> None:
         display_time = presentation.display_time
@@ -177,11 +169,9 @@ class MotionLatencyRow(Listener):
         ):
             return
         after_ns = display_time.seen_ns - (presentation.due_ns or presentation.t_handed_ns)
-        self._latency.add_picture(
+        self.add_picture(
             presentation.t_presented_ns,
             after_ns,
             display_time.device_latency_ns,
             presentation.viewpoints.eyes_px,
         )
-        self._row["onset_ns"] = self._latency.onset_ns
-        self._row["steady_ns"] = self._latency.steady_ns

@@ -16,7 +16,7 @@ Emits: parallax (alpha and its reasons), viewer (nobody, arriving, seated, lost,
 import gc
 import logging
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -54,7 +54,7 @@ from lfpipe.render.listeners import (
     Trace,
 )
 from lfpipe.render.live_input import LiveInput
-from lfpipe.render.motion_latency import MotionLatencyRow
+from lfpipe.render.motion_latency import MotionLatency
 from lfpipe.render.plan import measure_costs
 from lfpipe.render.presenter import DisplayTime, EyesSource, Listener, Presenter
 from lfpipe.render.synthesis.compositor import Painters, open_painters
@@ -86,24 +86,27 @@ class RenderStage:
         options = context.options
         self._lossless = isinstance(options.clock, Lossless)
         self._files = Files(context)
-        self._preparer: ThreadPoolExecutor | None = None
+        count = len(context.cores)
+        self._preparer = None if self._lossless else self._threads(1, "prepare")
         self._costs: Future[Mapping[str, float]] | None = None
         self._live: LiveInput | None = None
         with context.setting_up("opening the scene"):
             if options.live is not None and options.scene is not None:
                 self._live = LiveInput(context, options.live, options.scene.name)
-                self._field = self._live.field
+                self._field = self._live.store.field
             else:
                 self._field = open_pack(Path(options.pack), self._config.scene.invert_depth)
         # without a clock, pictures depend on the frames alone
-        on_frames = self._lossless or self._config.render.clock == "camera"
-        on_camera = on_frames and options.viewer.tracked
-        nominal_hz = self._requested_config.render.nominal_hz
+        on_camera = options.viewer.tracked and (
+            self._lossless or self._config.render.clock == "camera"
+        )
         self._display = open_display(
             options.display,
             (self._field.width_px, self._field.height_px),
             f"lfpipe: {self._field.name}",
-            float(options.viewer.rate_hz if on_camera else nominal_hz),
+            float(
+                options.viewer.rate_hz if on_camera else self._requested_config.render.nominal_hz
+            ),
             str(self._config.screen.monitor),
             context.row["restarts"],
         )
@@ -116,7 +119,16 @@ class RenderStage:
                 self._share,
                 sways_alone=bool(options.lock_code),
                 neutral_is_fixed=isinstance(options.viewer, MouseViewer | RecordedEyes),
-                canvas=self._make_canvas(),
+                canvas=Canvas(
+                    # in a replay, pictures are compared
+                    shown_px=(lambda size_px: size_px)
+                    if self._lossless
+                    else self._display.shown_px,
+                    helpers=self._threads(count - 1, "rows") if count > 1 else None,
+                    cores=count,
+                    gpu=self._gpu,
+                    preparer=self._preparer,
+                ),
             )
         self._store_choice()
         self._interactive = isinstance(options.display, Window | Plugin)
@@ -155,21 +167,6 @@ class RenderStage:
         self._viewer.compositor.compose(middle, middle)
         self._measure_costs()
         context.row["t_face_ns"] = now_ns()
-
-    def _make_canvas(self) -> Canvas:
-        """The pictures' size is the screen's; in a replay, whose pictures are compared, the
-        scene's.
-        """
-        count = len(self._context.cores)
-        if not self._lossless:
-            self._preparer = self._threads(1, "prepare")
-        return Canvas(
-            shown_px=(lambda size_px: size_px) if self._lossless else self._display.shown_px,
-            helpers=self._threads(count - 1, "rows") if count > 1 else None,
-            cores=count,
-            gpu=self._gpu,
-            preparer=self._preparer,
-        )
 
     def _threads(self, count: int, name: str) -> ThreadPoolExecutor:
         """Threads on any core."""
@@ -233,7 +230,7 @@ class RenderStage:
         session = context.spec.session
         listeners: list[Listener] = [self._status]
         if not isinstance(options.display, Nothing):
-            listeners.append(MotionLatencyRow(context.row))
+            listeners.append(MotionLatency(context.row))
         if replay := options.clock.output:
             listeners.append(
                 ReplayWriter(Path(replay.folder), replay.sequence, replay.pictures, self._lost)
@@ -303,24 +300,18 @@ class RenderStage:
 
     def _wait_for_frame(self) -> bool:
         """Waits for the next frame, and often enough for the window. Returns False at the stop."""
-        fds = self._window_fds if self._context.idle else None
+        fds = self._display.fds if self._context.idle else None
         until_ns = now_ns() + BEAT_NS if self._interactive and fds is None else None
         return self._context.wait(until_ns, fds=fds or ())
-
-    @property
-    def _window_fds(self) -> Sequence[int] | None:
-        """Those of the display; None where it must be asked at every refresh, as displays of other
-        packages.
-        """
-        return None if isinstance(self._options.display, Plugin) else self._display.fds
 
     def _wait_for_refresh(self, refresh: Refresh) -> bool:
         """Waits for the next refresh; while nothing changes, for an event or news. Returns False at
         the stop.
         """
-        fds = self._window_fds
-        moves = self._live is not None or self._field.frame_rate_hz
-        can_rest = fds is not None and not moves and not self._options.trace
+        fds = self._display.fds
+        can_rest = fds is not None and not (
+            self._live is not None or self._field.frame_rate_hz or self._options.trace
+        )
         rests = can_rest and now_ns() - self._presenter.changed_ns > REST_AFTER_NS
         self._context.row["resting"] = rests
         if not rests or fds is None:
@@ -415,8 +406,9 @@ class RenderStage:
                     self._presenter.redraw()
                     context.answer(message)
                 case "action":
-                    text = self._ui.act(message["name"], message.get("value", 0.0))
-                    context.answer(message, text=text)
+                    context.answer(
+                        message, text=self._ui.act(message["name"], message.get("value", 0.0))
+                    )
                 case "record" if self._mouse.recorder is not None:
                     self._mouse.recorder.handle(message)
                 case "trace":

@@ -29,15 +29,15 @@ def noise(count: int, width: int, height: int) -> np.ndarray:
 
 def record(
     path: Path, pictures: Iterable[np.ndarray], rate_hz: float, wait_s: float = 0.0, **options: int
-) -> tuple[int, list[DisplayNotice]]:
-    """Shows the pictures one after the other: how many were dropped, and the notices."""
+) -> tuple[int, DisplayNotice | None]:
+    """Shows the pictures one after the other: how many were dropped, and the notice."""
     pictures = list(pictures)
     display = FileDisplay(path, (pictures[0].shape[1], pictures[0].shape[0]), rate_hz, **options)
     for picture in pictures:
         display.show(picture)
         time.sleep(wait_s)
     display.close()
-    return display.dropped, display.notices()
+    return display.dropped, display.notice
 
 
 @pytest.mark.parametrize("size", [(64, 48), (61, 37)])
@@ -56,21 +56,17 @@ def test_file_display_ends_the_video_on_a_full_disk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pictures = [noise(1, 32, 32)[0]] * 40
-    _, notices = record(tmp_path / "out.mkv", pictures, 200.0, 0.005, reserve_bytes=1 << 60)
-    assert (
-        len(notices) == 1
-        and notices[0].lost
-        and "the disk is full" in notices[0].text
-        and "out.mkv" in notices[0].text
-    )
+    _, notice = record(tmp_path / "out.mkv", pictures, 200.0, 0.005, reserve_bytes=1 << 60)
+    assert notice is not None and notice.lost
+    assert "the disk is full" in notice.text and "out.mkv" in notice.text
     assert len(read_back(tmp_path / "out.mkv")) == 1  # what was written can be played
 
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(VideoWriter, "write", full)
-    _, notices = record(tmp_path / "out.mp4", pictures, 200.0, 0.005)
-    assert any("the video ends here" in notice.text for notice in notices)
+    _, notice = record(tmp_path / "out.mp4", pictures, 200.0, 0.005)
+    assert notice is not None and "the video ends here" in notice.text
 
 
 def test_video_writer_killed_leaves_an_mp4_that_plays(tmp_path: Path) -> None:

@@ -57,12 +57,6 @@ def test_pixel_mm_does_not_believe_sizes_that_cannot_be(
     assert pixel_mm(dpi, 1920) == (None if size_mm is None else pytest.approx(size_mm))
 
 
-def screen_window(
-    size_px: tuple[int, int], fullscreen: bool = False, monitor: str = ""
-) -> ScreenWindow:
-    return ScreenWindow(size_px, "lfpipe: a test", fullscreen, monitor)
-
-
 @pytest.mark.skipif(
     shutil.which("sway") is None, reason="sway is not installed (apt-get install sway)"
 )
@@ -74,7 +68,7 @@ def test_screen_window_on_a_scaled_desktop_has_the_screens_pixels(
     with sway(1280, 800, 60, scale=2) as name:
         monkeypatch.setenv("WAYLAND_DISPLAY", name)
         monkeypatch.setenv("SDL_VIDEODRIVER", "wayland")
-        with closing(screen_window((500, 400))) as window:
+        with closing(ScreenWindow((500, 400), "lfpipe: a test")) as window:
             window.show(np.full((400, 500, 3), 90, np.uint8))
             share = window.width_mm() / 530  # type: ignore[operator]
             assert monitors()[0].width == 640 < window._shown_px and share == pytest.approx(
@@ -121,7 +115,7 @@ def test_device_latency_doubt_names_the_change(
 def test_a_window_whose_monitors_are_all_gone_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
     """A KVM switch, or a docking station: there was an IndexError."""
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    with closing(screen_window((64, 48))) as window:
+    with closing(ScreenWindow((64, 48), "lfpipe: a test")) as window:
         before = window.monitor
         monkeypatch.setattr("lfpipe.render.display.window.monitors", list)
         pygame.event.post(pygame.Event(pygame.WINDOWDISPLAYCHANGED))

@@ -115,8 +115,3 @@ def test_mouse_session_is_recorded_and_played_again(
     lines = (world.root / "one" / "trace.jsonl").read_text().splitlines()
     cols = [json.loads(line)["view"]["left"][1] for line in lines]
     assert len(cols) == len(recorded.packets) and np.ptp(cols) > 0.5
-
-
-def test_mouse_session_without_a_window_is_refused(world: World, scene: Path) -> None:
-    refused = world.refused("up", scene, "--camera", "mouse", "--display", "none")
-    assert "no mouse" in refused and "remedy" in refused

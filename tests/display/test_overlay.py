@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from lfpipe.render.display.display import DEPTH, HELP, Event, Item, Menu, Notice, Overlay, bar_items
 from lfpipe.render.display.look import NO_HIGHLIGHT
 from lfpipe.render.display.overlay_view import OverlayView
-from lfpipe.render.display.panels import EDGE_PX, ItemPanel, bar_panel
+from lfpipe.render.display.panels import EDGE_PX, Panel, bar_panel
 from lfpipe.render.display.window import TEXT_PX
 from lfpipe.render.ui.pages import Distance, calibration_page, glasses_menu
 from lfpipe.render.ui.scenes import Content, folder_menu
@@ -40,7 +40,7 @@ class Screened(OverlayView):
         self.move(pygame.MOUSEMOTION, 0, 0)
         self.draw()
 
-    def draw(self) -> ItemPanel:
+    def draw(self) -> Panel:
         return next(
             panel for panel in self.panels(self.size, max(22, self.size[1] // 50)) if panel.cells
         )

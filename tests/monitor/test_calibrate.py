@@ -78,11 +78,6 @@ def test_moving_eyes_are_not_measured(px: float, step: float, nearer: bool) -> N
         assert eyes.share < 1.0
 
 
-def test_calibrate_without_a_screen_is_refused(world: World) -> None:
-    assert "needs a screen" in world.refused("calibrate", "--camera", "demo")
-    assert not (world.root / "settings" / "lfpipe").exists()
-
-
 def test_focal_length_is_that_of_each_camera(world: World, scene: Path, clip: Path) -> None:
     settings = world.root / "settings" / "lfpipe"
     settings.mkdir(parents=True)

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from lfpipe.config import Track
+from lfpipe.render.metrics import METRICS
 from lfpipe.render.motion_latency import MotionLatency
 from lfpipe.track.filters.base import make_filter
+from lfpipe.transport.status import ROW, Row
 
 MS = 1_000_000
 DEVICE_LATENCY_MS, STEP_PX_S = 60, 200.0
@@ -42,11 +44,12 @@ def session(
     made_for: Callable[[int], np.ndarray] | None,
     noise_px: float,
     track: Track,
-) -> MotionLatency:
+) -> Row:
     """30 Hz, presented 20 and 37 ms after the frame's stamp, light DEVICE_LATENCY_MS later; made
     for the middle of the refresh, by the filter or as made_for gives the eyes.
     """
-    latency = MotionLatency()
+    row = Row(np.zeros((), ROW), METRICS)
+    latency = MotionLatency(row)
     filter_ = make_filter(track)
     rng = np.random.default_rng(1)
     for frame in range(900):
@@ -59,14 +62,14 @@ def session(
             after = (DEVICE_LATENCY_MS + 8) * MS
             eyes = made_for(presented + after) if made_for else filter_.predict(presented + after)
             latency.add_picture(presented, after, DEVICE_LATENCY_MS * MS, record_px(eyes))
-    return latency
+    return row
 
 
 @pytest.mark.parametrize(("late_ms", "noise_px"), [(0, 0.0), (40, 0.15), (-15, 0.15)])
 def test_motion_latency_of_pictures_late_by_a_known_time(late_ms: int, noise_px: float) -> None:
-    latency = session(starting, lambda t_ns: starting(t_ns - late_ms * MS), noise_px, Track())
-    assert latency.onset_ns / MS == pytest.approx(max(late_ms, 8), abs=13.0), (
+    row = session(starting, lambda t_ns: starting(t_ns - late_ms * MS), noise_px, Track())
+    assert row["onset_ns"] / MS == pytest.approx(max(late_ms, 8), abs=13.0), (
         "a picture every 17 ms; none before the motion"
     )
-    latency = session(swaying, lambda t_ns: swaying(t_ns - late_ms * MS), noise_px, Track())
-    assert latency.steady_ns / MS == pytest.approx(late_ms, abs=1.0)
+    row = session(swaying, lambda t_ns: swaying(t_ns - late_ms * MS), noise_px, Track())
+    assert row["steady_ns"] / MS == pytest.approx(late_ms, abs=1.0)

@@ -2,20 +2,15 @@
 nothing jumps.
 """
 
-import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from lfpipe.render.synthesis.viewpoint import Place
 from lfpipe.render.viewer.presence import (
-    EASED_VIEWS,
     Presence,
     RestingEyes,
     ViewEasing,
     ViewerState,
 )
-from tests.support.examples import examples
 
 HOME = RestingEyes(300.0, 200.0, 60.0)
 N, A, SE, L, E = ViewerState
@@ -64,55 +59,7 @@ def test_presence_seats_a_returning_viewer_at_once(
     assert (subject.state is SE and rest is not None and rest.x_px == HOME.x_px) == returns
 
 
-STEP_NS = 16_666_667
 NEUTRAL: Place = (4.0, 2.0, 6.0)
-
-
-def run(
-    easing: ViewEasing,
-    start: int,
-    count: int,
-    target: Place | None,
-    motion: float = 0.0,
-    step_ns: int = STEP_NS,
-) -> np.ndarray:
-    """The places shown at count refreshes. motion: views per second that the columns explain."""
-    shown = []
-    for k in range(start, start + count):
-        if target is None:
-            shown.append(easing.alone(k * step_ns, NEUTRAL))
-        else:
-            shown.append(
-                easing.followed(
-                    k * step_ns, target, lambda dt_s: (0.0, motion * dt_s, motion * dt_s)
-                )
-            )
-    return np.array(shown)
-
-
-@given(
-    st.lists(
-        st.tuples(st.booleans(), st.integers(1, 40), st.floats(-4, 4)), min_size=1, max_size=12
-    )
-)
-@examples(80)
-def test_view_easing_never_jumps(spans: list[tuple[bool, int, float]]) -> None:
-    """Faces come and go anywhere within 8 views: no picture leaps, none moves away from its target,
-    and half a second later it is there.
-    """
-    easing = ViewEasing()
-    start = 0
-    shown = list(run(easing, 0, 1, NEUTRAL))
-    for face, count, aside in spans:
-        row, left, right = NEUTRAL
-        target = (row, left + aside, right + aside) if face else None
-        new = run(easing, start, count, target)
-        start += count
-        if target is not None:
-            left_views = np.abs(np.array([shown[-1], *new]) - target).max(axis=1)
-            assert np.all(np.diff(left_views) <= 1e-9) and (count < 30 or left_views[-1] == 0)
-        shown += list(new)
-    assert np.abs(np.diff(shown, axis=0)).max() <= EASED_VIEWS + 1e-9
 
 
 def test_view_easing_holds_a_lost_view_for_three_seconds() -> None:

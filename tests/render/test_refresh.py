@@ -10,9 +10,7 @@ import pytest
 
 from lfpipe.bench.simulator.camera import T0_NS
 from lfpipe.host.presentation import Presented
-from lfpipe.render.display.refresh import (
-    ScreenRefresh,
-)
+from lfpipe.render.display.refresh import ScreenRefresh
 from lfpipe.render.presenter import ANSWER_NS, HANDOVER, REPLACED, Presentation, pop_timed
 from tests.render import rendered
 from tests.render.simulated_screen import SimulatedScreen, shown

@@ -7,7 +7,7 @@ from pygame import surfarray
 
 from lfpipe.render.display.display import Event, bar_items
 from lfpipe.render.display.look import NO_HIGHLIGHT
-from lfpipe.render.display.panels import ItemPanel, bar_panel
+from lfpipe.render.display.panels import Panel, bar_panel
 from lfpipe.render.display.window import letters_px
 from tests.support.world import World
 from tests.support.xvfb_screen import Screen, outline
@@ -40,13 +40,13 @@ class Finger:
         left, top, _, _ = self.place
         self.world.xdotool("mousemove", left + x, top + y, "click", 1)
 
-    def touch(self, panel: ItemPanel, event: str, text: str = "") -> None:
+    def touch(self, panel: Panel, event: str, text: str = "") -> None:
         """Taps on the item of that event."""
         wanted = Event(event, text)
         rect = next(rect for item, rect in panel.cells if item.event == wanted)
         self.tap(*rect.move(panel.at).center)
 
-    def bar(self, recording: bool = False, paused: bool = False) -> ItemPanel:
+    def bar(self, recording: bool = False, paused: bool = False) -> Panel:
         items = bar_items(0.0, recording, paused)
         return bar_panel(items, NO_HIGHLIGHT, self.size_px, self.text_px)
 
@@ -55,7 +55,7 @@ class Finger:
         self.tap(5, 5)
         self.touch(self.bar(recording, paused), event)
 
-    def dark(self, panel: ItemPanel) -> bool:
+    def dark(self, panel: Panel) -> bool:
         """Whether the panel lies over the picture: most of its white pixels are on the screen."""
         left, top = self.place[0] + panel.at[0], self.place[1] + panel.at[1]
         white = (surfarray.array3d(panel.surface) == 255).all(axis=-1).T

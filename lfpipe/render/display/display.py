@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import attrs
 import numpy as np
@@ -23,10 +22,9 @@ from lfpipe.config.session_options import Nothing, Plugin, Target, VideoFile, Wi
 from lfpipe.errors import UserError
 from lfpipe.host.presentation import Presented
 from lfpipe.host.worker import has_desktop
-from lfpipe.plugins import DISPLAYS, load, make, plugins
+from lfpipe.plugins import DISPLAYS, make, plugins
 
-if TYPE_CHECKING:
-    from lfpipe.render.synthesis.anaglyph import Pair
+Picture = NDArray[np.uint8]  # (height, width, 3) BGR
 
 
 @attrs.frozen
@@ -163,11 +161,15 @@ class Display:
     """Entered for calls in which the window system may keep the stage waiting."""
     vblank_source = ""
     """What reports presentations: x_present; empty for nothing."""
-    fds: Sequence[int] | None = None
+    fds: Sequence[int] | None = ()
     """Descriptors that can be read when `events` has news; None if it must be asked at every
     refresh, or needs a picture then."""
+    notice: DisplayNotice | None = None
+    """For the user, who has not read it yet."""
 
-    def show(self, picture: NDArray[np.uint8], pair: "Pair | None" = None, how: str = "") -> int:
+    def show(
+        self, picture: Picture, pair: tuple[Picture, Picture] | None = None, how: str = ""
+    ) -> int:
         """Shows uint8 (height, width, 3) BGR, scaled to fit; returns the submission time, monotonic
         ns.
 
@@ -188,10 +190,6 @@ class Display:
         """
         return []
 
-    def notices(self) -> list[DisplayNotice]:
-        """Notices since the last call, each once."""
-        return []
-
     def overlay(self, overlay: Overlay) -> None:
         """Sets the overlay of this and the following pictures."""
 
@@ -210,12 +208,6 @@ class Display:
 
     def close(self) -> None:
         """Closes the display and completes a file."""
-
-
-class NoDisplay(Display):
-    """Shows nothing, and has no events."""
-
-    fds = ()
 
 
 HINT = "h shows the keys, g tests your glasses"
@@ -264,10 +256,8 @@ def parse_display(text: str) -> Target:
             raise UserError(f"--display {text!r}: not a display", f"use one of {FORMS}{plugged}")
 
 
-def check_display(target: Target, monitor: str = "") -> None:
-    """Raises UserError if target needs a missing screen or monitor, is an unwritable file, or
-    belongs to a broken package. monitor: `screen.monitor`.
-    """
+def check_display(target: Target) -> None:
+    """Raises UserError if target needs a missing screen or is an unwritable file."""
     match target:
         case Window():
             if not has_display():
@@ -281,16 +271,10 @@ def check_display(target: Target, monitor: str = "") -> None:
                     f"--display {target}: no screen here ({why})",
                     "use --display none or --display file:OUT.mkv, or run on a desktop",
                 )
-            if monitor:
-                from lfpipe.render.display.window_system import detect_monitors, find_monitor
-
-                find_monitor(monitor, detect_monitors()[1])
         case VideoFile(path):
             from lfpipe.render.display.file_display import check_file
 
             check_file(path)
-        case Plugin(name):
-            load(DISPLAYS, name)
 
 
 def open_display(
@@ -321,9 +305,10 @@ def open_display(
             return FileDisplay(path, size_px, rate_hz)
         case Plugin(name, argument):
             display: Display = make(DISPLAYS, name, argument, size_px, title, rate_hz)
+            display.fds = None
             return display
         case Nothing():
-            return NoDisplay()
+            return Display()
 
 
 @attrs.frozen

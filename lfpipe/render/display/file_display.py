@@ -85,7 +85,7 @@ class FileDisplay(Display):
         self._period_ns = 1e9 / rate_hz
         self._reserve = reserve_bytes
         self._queue: queue.Queue[tuple[int, NDArray[np.uint8] | None]] = queue.Queue(QUEUE_PICTURES)
-        self._notices: list[DisplayNotice] = []
+        self.fds = None
         self._written = self.dropped = 0
         self._thread = threading.Thread(target=self._run, name="video", daemon=True)
         self._thread.start()
@@ -100,10 +100,6 @@ class FileDisplay(Display):
             except queue.Full:
                 self.dropped += 1
         return t_ns
-
-    def notices(self) -> list[DisplayNotice]:
-        notices, self._notices = self._notices, []
-        return notices
 
     def close(self) -> None:
         while self._thread.is_alive():
@@ -128,7 +124,7 @@ class FileDisplay(Display):
         if why:
             text = f"{self._path}: the video ends here after {self._written} pictures: {why}"
         if why or self.dropped:
-            self._notices.append(DisplayNotice(text, lost=bool(why)))
+            self.notice = DisplayNotice(text, lost=bool(why))
 
     def _write_all(self) -> None:
         """Writes pictures until the end. Raises OSError."""

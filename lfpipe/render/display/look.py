@@ -202,8 +202,7 @@ def button_rects(items: Sequence[Item], text_px: int, room_px: int) -> list[pyga
     for item in items:
         key = badge(item.key, text_px, unit).get_width() + unit if item.key else 0
         wide = font(text_px, item.main).size(item.label)[0] + key + 4 * unit
-        least = 18 * unit * (item.slider is not None)
-        sizes.append((max(wide, least), CONTROL_UNITS * unit))
+        sizes.append((max(wide, 18 * unit * (item.slider is not None)), CONTROL_UNITS * unit))
     return pages_of(sizes, (room_px, math.inf), unit)[0]
 
 
@@ -301,8 +300,10 @@ def draw_tile(
     draw_card(surface, rect, unit, item, lit, CARD, focused)
     room = rect.inflate(-2 * unit, -2 * unit)
     y = room.bottom
-    colour = RED if item.warns else SECOND
-    for text, ink, bold in ((item.more, colour, False), (item.label, TEXT, True)):
+    for text, ink, bold in (
+        (item.more, RED if item.warns else SECOND, False),
+        (item.label, TEXT, True),
+    ):
         words = written(shortened(drawable(text), text_px, room.width), text_px, ink, bold)
         surface.blit(words, words.get_rect(bottomleft=(room.left, y)))
         y -= words.get_height()

@@ -28,7 +28,7 @@ from lfpipe.render.display.panels import (
     GAP_PX,
     TURNS,
     Cell,
-    ItemPanel,
+    Panel,
     bar_panel,
     caption_panels,
     dot_panel,
@@ -68,17 +68,18 @@ class OverlayView:
     """Draws an overlay, and maps input on it to events."""
 
     _overlay: Overlay = attrs.field(factory=Overlay)
-    _panels: list[ItemPanel] = attrs.field(factory=list)
+    drawn: list[Panel] = attrs.field(factory=list)
+    """The last `panels`."""
     _at: int = 0  # the selected item of the menu
     _over: Cell | None = None  # what the pointer is on
     _pressed: bool = False  # whether that is pressed
     _used: Event = NO_EVENT  # pressed, and the pointer is still there: it needs no tip
     _slider: Cell | None = None  # that is dragged
-    _bar: ItemPanel | None = None  # while it is shown
+    _bar: Panel | None = None  # while it is shown
     _pointer_px: Point = (-1, -1)
     _bar_from_s: float = math.inf  # when the bar appears, for BAR_S
     _edge_px: int = 0  # pointer motion below shows the bar or keeps it
-    _menu: ItemPanel | None = None
+    _menu: Panel | None = None
 
     def set(self, overlay: Overlay) -> None:
         """Replaces the overlay."""
@@ -102,7 +103,7 @@ class OverlayView:
         is_one = event.name and any(item.event == event for item in items)
         return Highlight(event, self._pressed) if is_one else NO_HIGHLIGHT
 
-    def panels(self, window_px: Point, text_px: int) -> list[ItemPanel]:
+    def panels(self, window_px: Point, text_px: int) -> list[Panel]:
         """The panels, the topmost last; equal calls return the same ones.
 
         window_px: (width, height).
@@ -125,7 +126,7 @@ class OverlayView:
         bar_top_px = bottom_px = window_px[1] if bar is None else bar.rect.top
         corners = self._corners(is_awake, window_px, text_px)
         below_px = max([top_px(text_px), *(one.rect.bottom + GAP_PX for one in corners)])
-        pages, notices = list[ItemPanel](), list[ItemPanel]()
+        pages, notices = list[Panel](), list[Panel]()
         if overlay.lines:
             page = Overlay(
                 title=overlay.title, lines=overlay.lines, inset=overlay.inset, items=overlay.items
@@ -159,21 +160,20 @@ class OverlayView:
                 overlay.menu, self._at, (window_px[0], bar_top_px), text_px, lit, over_px
             )
             pages.append(self._menu)
-        self._panels = [*pages, *notices, *corners]
+        self.drawn = [*pages, *notices, *corners]
         self._edge_px = bar_top_px if is_awake else round((1 - BAR_EDGE) * window_px[1])
         if self._bar is not None:
-            self._panels.append(self._bar)
+            self.drawn.append(self._bar)
             item, rect = self._over or (CLOSE, pygame.Rect(0, 0, 0, 0))
             is_bare = item in overlay.bar and (item.off or item.event.name in self._bar.bare)
             if is_bare and item.event != self._used:
-                tip = tip_panel(item, (rect.centerx, bar_top_px), window_px, text_px)
-                self._panels.append(tip)
-        return self._panels
+                self.drawn.append(tip_panel(item, (rect.centerx, bar_top_px), window_px, text_px))
+        return self.drawn
 
-    def _corners(self, is_awake: bool, window_px: Point, text_px: int) -> list[ItemPanel]:
+    def _corners(self, is_awake: bool, window_px: Point, text_px: int) -> list[Panel]:
         """The recording, the viewer and the scene in the upper corners."""
         overlay = self._overlay
-        panels = list[ItemPanel]()
+        panels = list[Panel]()
         dot = AMBER if overlay.viewer == VIEWERS["demo"] else ACCENT
         y = EDGE_PX
         for text, colour in ((overlay.recording, RED), (overlay.viewer * is_awake, dot)):
@@ -228,8 +228,7 @@ class OverlayView:
         self._pointer_px = at_px
         at_once = at_px[1] >= self._edge_px or event.type in PRESSED_OR_NOT
         self._bar_from_s = time.monotonic() + (0.0 if at_once else REST_S)
-        cells = (panel.cell(at_px) for panel in reversed(self._panels))
-        self._over = next(filter(None, cells), None)
+        self._over = next(filter(None, (panel.cell(at_px) for panel in self.drawn[::-1])), None)
         lit = self._over[0].event if self._over is not None else NO_EVENT
         is_down = event.type == pygame.MOUSEBUTTONDOWN or (
             self._pressed and event.type == pygame.MOUSEMOTION

@@ -10,26 +10,17 @@ import contextlib
 from collections.abc import Sequence
 from typing import Any
 
-import attrs
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
 from lfpipe.files.codecs import fit_area
+from lfpipe.render.display.panels import Panel
 from lfpipe.render.display.window_system import pygame, uses_renderer, video
 from lfpipe.render.synthesis.anaglyph import scale_into
 
 RED_MASKS = {0xFF0000: cv2.COLOR_BGR2BGRA, 0xFF: cv2.COLOR_BGR2RGBA}
-
-
-@attrs.frozen(eq=False, kw_only=True)
-class Panel:
-    """A drawn surface over the picture; a painter keeps what it derives from one."""
-
-    surface: pygame.Surface
-    at: tuple[int, int]
-    """Its top left corner in the window, px."""
 
 
 class SurfacePainter:

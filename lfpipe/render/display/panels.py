@@ -4,10 +4,9 @@ A panel is a surface with the rectangles of its items, so a click finds what is 
 equal calls of a panel's function in a row return the same panel.
 """
 
-from bisect import bisect
 from collections.abc import Sequence
 from functools import lru_cache
-from itertools import accumulate, product
+from itertools import product
 
 import attrs
 
@@ -41,7 +40,6 @@ from lfpipe.render.display.look import (
     shortened,
     unit_px,
 )
-from lfpipe.render.display.painters import Panel
 from lfpipe.render.display.window_system import drawable, font, pygame, written
 
 Cell = tuple[Item, pygame.Rect]
@@ -63,9 +61,12 @@ CAPTION = 1.6  # letters of a caption over others: visitors stand two metres awa
 
 
 @attrs.frozen(eq=False, kw_only=True)
-class ItemPanel(Panel):
-    """A panel with items."""
+class Panel:
+    """A drawn surface over the picture, with items; a painter keeps what it derives from one."""
 
+    surface: pygame.Surface
+    at: Point
+    """Its top left corner in the window, px."""
     cells: list[Cell] = attrs.field(factory=list)
     """Items with their rectangles on the surface."""
     rects: dict[int, pygame.Rect] = attrs.field(factory=dict)
@@ -103,7 +104,7 @@ def _bar_px(item: Item, worded: bool, beside: bool, text_px: int, unit: int) -> 
 
 
 @lru_cache(2)
-def bar_panel(items: tuple[Item, ...], lit: Highlight, window_px: Point, text_px: int) -> ItemPanel:
+def bar_panel(items: tuple[Item, ...], lit: Highlight, window_px: Point, text_px: int) -> Panel:
     """The items at the bottom edge, in groups: icons beside their words, else over them; words of
     as many as fit, beginning with the most used ones.
     """
@@ -144,7 +145,7 @@ def bar_panel(items: tuple[Item, ...], lit: Highlight, window_px: Point, text_px
         surface.fill(BORDER, line)
     for (item, rect), word in zip(cells, worded, strict=True):
         draw_entry(surface, text_px, item, rect, lit, word, beside, unit)
-    return ItemPanel(
+    return Panel(
         surface=surface,
         at=((window_px[0] - width) // 2, window_px[1] - surface.get_height() - EDGE_PX),
         cells=cells,
@@ -153,7 +154,7 @@ def bar_panel(items: tuple[Item, ...], lit: Highlight, window_px: Point, text_px
 
 
 @lru_cache(2)
-def tip_panel(item: Item, over: tuple[int, int], window_px: Point, text_px: int) -> ItemPanel:
+def tip_panel(item: Item, over: tuple[int, int], window_px: Point, text_px: int) -> Panel:
     """The name of an entry of the bar and its key, or why it is off. over: the middle of its upper
     edge.
     """
@@ -172,7 +173,7 @@ def menu_panel(
     text_px: int,
     lit: Highlight = NO_HIGHLIGHT,
     top_px: int = 0,
-) -> ItemPanel:
+) -> Panel:
     """The page with the selected item, in the middle of a window of that size, below top_px. Tiles
     have the same size and places, however many there are.
     """
@@ -194,10 +195,10 @@ def menu_panel(
         for item in menu.items
     )
     pages = pages_of(sizes, room, unit)
-    starts = list(accumulate(map(len, pages), initial=0))
-    page = bisect(starts, selected) - 1
+    placed = [(number, rect) for number, page in enumerate(pages) for rect in page]
+    page, _ = placed[selected]
     rects = {
-        number: rect.move(pad, head_px) for number, rect in enumerate(pages[page], starts[page])
+        number: rect.move(pad, head_px) for number, (at, rect) in enumerate(placed) if at == page
     }
     used_px = max(rect.bottom for rect in pages[0]) if len(pages) == 1 else room[1]
     surface = panel_surface(width, head_px + used_px + pad, unit)
@@ -218,9 +219,7 @@ def menu_panel(
         draw_button(surface, text_px, item, rect, lit, unit)
     cells = [(menu.items[k], rect) for k, rect in rects.items() if menu.items[k].event.name]
     x, y = ((size - side) // 2 for size, side in zip(window_px, surface.get_size(), strict=True))
-    return ItemPanel(
-        surface=surface, at=(x, y + top_px // 2), cells=[*cells, *buttons], rects=rects
-    )
+    return Panel(surface=surface, at=(x, y + top_px // 2), cells=[*cells, *buttons], rects=rects)
 
 
 def _block(lines: Sequence[str], text_px: int, key_px: int, room_px: int) -> pygame.Surface:
@@ -295,7 +294,7 @@ def text_panel(
     text_px: int,
     top_px: int = EDGE_PX,
     lit: Highlight = NO_HIGHLIGHT,
-) -> ItemPanel:
+) -> Panel:
     """The title and lines of text with a cross, its items and its inset, between top_px and
     bottom_px: at the left, in the middle with a title, and at the bottom with items. Letters are
     smaller, and stand in more columns, if they do not fit.
@@ -312,7 +311,11 @@ def text_panel(
         pad, cross_px = 2 * unit, CONTROL_UNITS * unit
         title = written(text.title, round(HEADING * size_px), TEXT, True)
         top = pad + (title.get_height() + unit) * bool(text.title)
-        key_px = max((_key_px(key, size_px, unit) for key in keys), default=-2 * unit) + 2 * unit
+        widths = (  # of keys, and of the names of values, which have three parts
+            badge(name, size_px, unit).get_width() if len(more) < 2 else font(size_px).size(name)[0]
+            for name, *more in keys
+        )
+        key_px = max(widths, default=-2 * unit) + 2 * unit
         aside_px = 0 if text.title else cross_px - unit  # beside the first line
         wrap_px = int(room[0] - 2 * pad - aside_px - (cols - 1) * COLUMN_UNITS * unit) // cols
         wrap_px = max(wrap_px, key_px + COLUMN_LETTERS * size_px)
@@ -343,13 +346,7 @@ def text_panel(
     x = (window_px[0] - width) // 2 if text.title or text.items else EDGE_PX
     middle = top_px + max(0, room[1] - height) // 2 if text.title else top_px
     at = round(x), round(bottom_px - height - EDGE_PX if text.items else middle)
-    return ItemPanel(surface=surface, at=at, cells=cells)
-
-
-def _key_px(key: Sequence[str], text_px: int, unit: int) -> int:
-    """The width of a key, or of the name of a value, which has three parts."""
-    name = key[0]
-    return badge(name, text_px, unit).get_width() if len(key) < 3 else font(text_px).size(name)[0]
+    return Panel(surface=surface, at=at, cells=cells)
 
 
 @lru_cache(8)
@@ -360,7 +357,7 @@ def notice_panel(
     window_px: Point,
     text_px: int,
     lit: Highlight = NO_HIGHLIGHT,
-) -> ItemPanel:
+) -> Panel:
     """A notice above or below y_px; its items are beside the text or below it."""
     unit = unit_px(text_px)
     pad = 2 * unit
@@ -386,7 +383,7 @@ def notice_panel(
     for item, rect in cells:
         draw_button(surface, text_px, item, rect, lit, unit)
     at = (window_px[0] - width) // 2, y_px if below else y_px - height
-    return ItemPanel(surface=surface, at=at, cells=cells)
+    return Panel(surface=surface, at=at, cells=cells)
 
 
 def _stacked(parts: Sequence[pygame.Surface], unit: int, aside_px: int = 0) -> pygame.Surface:
@@ -404,7 +401,7 @@ def _stacked(parts: Sequence[pygame.Surface], unit: int, aside_px: int = 0) -> p
 @lru_cache(2)
 def caption_panels(
     overlay: Overlay, bottom_px: int, window_px: Point, text_px: int, lit: Highlight
-) -> list[ItemPanel]:
+) -> list[Panel]:
     """What visitors see of an exhibition: a title and lines at the bottom left and buttons at the
     right, all large, and the time that has passed.
     """
@@ -414,7 +411,7 @@ def caption_panels(
     heading = written(title, round(HEADING * large_px), TEXT, True, wrap_px)
     texts = [written(line, large_px, SECOND, wrap_px=wrap_px) for line in lines]
     about = _stacked([heading, *texts], unit_px(large_px))
-    panels = [ItemPanel(surface=about, at=(EDGE_PX, bottom_px - about.get_height()))]
+    panels = [Panel(surface=about, at=(EDGE_PX, bottom_px - about.get_height()))]
     if overlay.items:
         turns = notice_panel(Notice("", overlay.items), 0, True, window_px, large_px, lit)
         width, height = turns.surface.get_size()
@@ -424,14 +421,12 @@ def caption_panels(
         time_bar = pygame.Surface((window_px[0], unit // 2))
         time_bar.fill(CARD)
         time_bar.fill(ACCENT, (0, 0, round(overlay.elapsed * window_px[0]), unit // 2))
-        panels.append(ItemPanel(surface=time_bar, at=(0, window_px[1] - unit // 2)))
+        panels.append(Panel(surface=time_bar, at=(0, window_px[1] - unit // 2)))
     return panels
 
 
 @lru_cache(2)
-def scene_panel(
-    name: str, step: str, share: float | None, window_px: Point, text_px: int
-) -> ItemPanel:
+def scene_panel(name: str, step: str, share: float | None, window_px: Point, text_px: int) -> Panel:
     """The scene's name at the top left, and what is being done with it."""
     unit = unit_px(text_px)
     name = shortened(drawable(name), text_px, window_px[0] // 2)
@@ -443,20 +438,20 @@ def scene_panel(
         groove.width = round((share or 0.0) * groove.width)
         pygame.draw.rect(bar, ACCENT, groove, border_radius=unit // 4)
         parts += [written(step, text_px, SECOND), bar]
-    return ItemPanel(surface=_stacked(parts, unit), at=(EDGE_PX, EDGE_PX))
+    return Panel(surface=_stacked(parts, unit), at=(EDGE_PX, EDGE_PX))
 
 
 @lru_cache(4)
 def dot_panel(
     text: str, colour: tuple[int, int, int], top_px: int, window_px: Point, text_px: int
-) -> ItemPanel:
+) -> Panel:
     """A dot and text at the top right."""
     unit = unit_px(text_px)
     surface = _stacked([written(text, text_px, TEXT)], unit, 2 * unit)
     place, radius = (5 * unit // 2, surface.get_height() // 2), unit // 2 + 1
     pygame.draw.aacircle(surface, colour, place, radius)
     pygame.draw.circle(surface, colour, place, radius - 1)
-    return ItemPanel(surface=surface, at=(window_px[0] - surface.get_width() - EDGE_PX, top_px))
+    return Panel(surface=surface, at=(window_px[0] - surface.get_width() - EDGE_PX, top_px))
 
 
 def top_px(text_px: int) -> int:

@@ -6,7 +6,6 @@ import contextlib
 import math
 import time
 from collections import deque
-from collections.abc import Sequence
 
 import attrs
 import numpy as np
@@ -15,11 +14,21 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError
 from lfpipe.files.codecs import fit_area
 from lfpipe.host.presentation import Presented
-from lfpipe.render.display import window_system
 from lfpipe.render.display.display import PICTURE_MM, Display, Event, Overlay
 from lfpipe.render.display.overlay_view import OverlayView
-from lfpipe.render.display.painters import Panel, open_painter
-from lfpipe.render.display.window_system import find_monitor, monitors, open_presentation, pygame
+from lfpipe.render.display.painters import open_painter
+from lfpipe.render.display.window_system import (
+    connection_fds,
+    drawable,
+    find_monitor,
+    icon,
+    monitor_number,
+    monitors,
+    new_events,
+    open_presentation,
+    pygame,
+    start,
+)
 from lfpipe.render.synthesis.anaglyph import Pair, arrange_stereo_pair
 
 STEP = 1.2  # of the factor for a step of the wheel: four double it
@@ -90,9 +99,6 @@ def letters_px(monitor_px: int) -> float:
     return max(TEXT_PX, TEXT_SHARE * monitor_px)
 
 
-LEAVE_FULLSCREEN = Event("leave-fullscreen")  # Esc where it closes nothing
-
-
 class ScreenWindow(Display):
     """A resizable or full-screen window. `show` submits a picture at once; `presented` reports
     when the screen showed it.
@@ -128,12 +134,11 @@ class ScreenWindow(Display):
         self._is_new = False  # the scene
         self._pans = False  # a drag with the left button
         self._pressed = -math.inf, (0, 0)  # time and place of the last press of the left button
-        self._drawn: Sequence[Panel] = ()
         # of the picture, and of the submission: a picture may be drawn again
         self._number = self._handed = 0
         self._numbers: dict[int, int] = {}  # submission -> picture
         try:
-            self._driver = window_system.start()
+            self._driver = start()
             self.monitor = find_monitor(monitor, monitors()) if monitor else monitors()[0]
             self._windowed = self.monitor.window_for(size_px)
             self._area_px = math.prod(self._windowed)
@@ -141,9 +146,6 @@ class ScreenWindow(Display):
             self._at = (centre if monitor else pygame.WINDOWPOS_UNDEFINED,) * 2
             pygame.font.init()
             self._open()
-        except UserError:
-            pygame.display.quit()
-            raise
         except pygame.error as error:
             raise UserError(
                 f"no window can be opened: {error}", "use --display none or --display file:OUT.mkv"
@@ -160,14 +162,14 @@ class ScreenWindow(Display):
             resizable=not whole,
             allow_high_dpi=True,
         )
-        self._window.set_icon(window_system.icon())
+        self._window.set_icon(icon())
         self._painter = open_painter(self._window, self._driver)
         if not whole and pygame.WINDOWPOS_UNDEFINED not in self._at:
             # else a window manager places the frame there, and the picture below its title
             self._window.position = self._at
         self._presentation = open_presentation(self._window)
         self.vblank_source = self._presentation.name if self._presentation is not None else ""
-        self.fds = window_system.connection_fds(self._window)
+        self.fds = connection_fds(self._window)
         # Wayland hides the position of a window
         self.knows_rows = whole or self._driver != "wayland"
         self._numbers.clear()
@@ -205,7 +207,7 @@ class ScreenWindow(Display):
     def _find_monitor(self) -> None:
         """The monitor that the window is on now; others may have been plugged or unplugged."""
         offered = monitors()
-        number = window_system.monitor_number(self._window)
+        number = monitor_number(self._window)
         self.monitor = next(
             (monitor for monitor in offered if monitor.number == number),
             (*offered, self.monitor)[0],  # the same where all are gone
@@ -242,10 +244,9 @@ class ScreenWindow(Display):
         """Draws picture and overlay. again: also if neither has changed."""
         pygame.mouse.set_visible(not self._fullscreen or self._view.has_pointer)
         window_px = self._painter.size_px()
-        scaled = window_px[0] / self._window.size[0]
-        text_px = round(letters_px(self.monitor.height) * scaled)
-        before, self._drawn = self._drawn, self._view.panels(window_px, text_px)
-        if self._shown is None or (self._drawn == before and not again):
+        text_px = round(letters_px(self.monitor.height) * (window_px[0] / self._window.size[0]))
+        before, panels = self._view.drawn, self._view.panels(window_px, text_px)
+        if self._shown is None or (panels == before and not again):
             return
         picture, pair, how = self._shown
         picture = picture[self._zoom.part(*picture.shape[:2])]
@@ -259,7 +260,7 @@ class ScreenWindow(Display):
             )
         self._handed += 1
         with self.waiting():
-            self._painter.paint(picture, self._drawn)
+            self._painter.paint(picture, panels)
             self._painter.swap()
         if self._presentation is not None:
             self._numbers[self._handed] = self._number
@@ -278,14 +279,14 @@ class ScreenWindow(Display):
         self.pointer = attrs.evolve(self.pointer, wheel=0)
         zoom = attrs.evolve(self._zoom)
         with self.waiting():
-            self._natives.extend(window_system.new_events())
+            self._natives.extend(new_events())
         while self._natives and event is None:
             native = self._natives.popleft()
             if native.type in RESIZED:
                 self._find_monitor()
             again |= native.type in REDRAWN
             event = self._event(native)
-            if event == LEAVE_FULLSCREEN:
+            if event == Event("leave-fullscreen"):  # Esc where it closes nothing
                 event = Event("fullscreen") if self._fullscreen else None
         if event is not None and event.name == "fullscreen":
             self._toggle()
@@ -382,7 +383,7 @@ class ScreenWindow(Display):
         )
 
     def title(self, name: str) -> None:
-        self._title = self._window.title = f"lfpipe: {window_system.drawable(name)}"
+        self._title = self._window.title = f"lfpipe: {drawable(name)}"
         self._is_new = True
 
     def close(self) -> None:

@@ -136,23 +136,6 @@ def sdl_library() -> ctypes.CDLL:
     return library
 
 
-def monitor_facts(monitor: int) -> tuple[str, tuple[int, int, int, int], tuple[float, float]]:
-    """(name, (x, y, width, height) on the desktop, (horizontal, vertical) dots per inch, 0 if
-    unknown) of a monitor.
-    """
-    library = sdl_library()
-    place = (ctypes.c_int * 4)()
-    dots = [ctypes.c_float() for _ in range(3)]
-    library.SDL_GetDisplayBounds(monitor, place)
-    library.SDL_GetDisplayDPI(monitor, *map(ctypes.byref, dots))
-    x, y, width, height = place
-    return (
-        (library.SDL_GetDisplayName(monitor) or b"").decode(errors="replace"),
-        (x, y, width, height),
-        (dots[1].value, dots[2].value),
-    )
-
-
 def monitor_number(window: pygame.Window) -> int:
     """The number of the monitor that holds the window's centre."""
     return max(
@@ -254,20 +237,25 @@ def pixel_mm(dots_per_inch: tuple[float, float], width_px: int) -> float | None:
 def monitors() -> list[Monitor]:
     """All monitors, by number. pygame.display must be initialised."""
     sizes, rates = pygame.display.get_desktop_sizes(), pygame.display.get_desktop_refresh_rates()
-    return [
-        Monitor(
-            number=number,
-            name=name,
-            x=x,
-            y=y,
-            width=width,
-            height=height,
-            pixel_mm=pixel_mm(dots_per_inch, width_px),
-            rate_hz=float(rate_hz or NOMINAL_HZ),
+    library, found = sdl_library(), list[Monitor]()
+    for number, ((width_px, _), rate_hz) in enumerate(zip(sizes, rates, strict=True)):
+        place = (ctypes.c_int * 4)()
+        dots = [ctypes.c_float() for _ in range(3)]  # per inch: diagonally, across and down
+        library.SDL_GetDisplayBounds(number, place)
+        library.SDL_GetDisplayDPI(number, *map(ctypes.byref, dots))
+        found.append(
+            Monitor(
+                number=number,
+                name=(library.SDL_GetDisplayName(number) or b"").decode(errors="replace"),
+                x=place[0],
+                y=place[1],
+                width=place[2],
+                height=place[3],
+                pixel_mm=pixel_mm((dots[1].value, dots[2].value), width_px),
+                rate_hz=float(rate_hz or NOMINAL_HZ),
+            )
         )
-        for number, ((width_px, _), rate_hz) in enumerate(zip(sizes, rates, strict=True))
-        for name, (x, y, width, height), dots_per_inch in [monitor_facts(number)]
-    ]
+    return found
 
 
 def find_monitor(wanted: str, offered: list[Monitor]) -> Monitor:

@@ -74,11 +74,14 @@ MATRICES: dict[
 
 # Luminance of red, green and blue through the left and the right glass,
 # from measured spectra (`bench.simulator.metrics.GLASS`).
-_RED_CYAN = ((0.0922, 0.0135, 0.0001), (0.0009, 0.2381, 0.0658))
-_GREEN_MAGENTA = ((0.0006, 0.1266, 0.0170), (0.1174, 0.0153, 0.0043))
+LEAKS = {
+    **dict.fromkeys(
+        ("colour", "grey", "half-colour", "wimmer", "dubois"),
+        ((0.0922, 0.0135, 0.0001), (0.0009, 0.2381, 0.0658)),
+    ),
+    "dubois-green-magenta": ((0.0006, 0.1266, 0.0170), (0.1174, 0.0153, 0.0043)),
+}
 MIN_LEAK = 0.01  # a smaller leak is invisible: the right filter of red/cyan transmits 0.4 %
-LEAKS = {name: _RED_CYAN for name in ("colour", "grey", "half-colour", "wimmer", "dubois")}
-LEAKS["dubois-green-magenta"] = _GREEN_MAGENTA
 WIDE_LUT = int(cv2.__version__.split(".")[0]) >= 5  # cv2.LUT takes 16-bit indices
 SHARED_TOLERANCE = 0.015  # a cross row this close to a multiple of an own row uses the own plane
 

@@ -349,8 +349,7 @@ class Compositor:
 class ViewRenderer:
     """Draws one camera's views of a light field, in its own colours; keeps its tables from view to
     view. method: as `render.method`. zero_plane_px: disparity that stays in place from view to
-    view; only warps shift by it. size_px: (width, height) as for `Compositor`. eye: whose view it
-    is, where a program draws one for each.
+    view; only warps shift by it. size_px: (width, height) as for `Compositor`.
     """
 
     def __init__(
@@ -359,10 +358,8 @@ class ViewRenderer:
         method: str = "auto",
         zero_plane_px: float = 0.0,
         size_px: tuple[int, int] | None = None,
-        eye: int = 0,
     ) -> None:
         self._frames = field.frames
-        self._eye = eye
         views = SceneViews(field, size_px)
         self._zero_plane_px = zero_plane_px * views.scale
         self._synthesiser = Synthesiser(views, method_for(field, method))
@@ -383,7 +380,6 @@ class ViewRenderer:
             self._zero_plane_px,
             self._sources,
             self._outs,
-            self._eye,
         )
 
     def render(self, row: float, col: float, frame: int = 0) -> NDArray[np.uint8]:

@@ -247,12 +247,6 @@ class Warper:
         self._targets = np.empty((*size, 2), np.int16)
         self._moved = np.empty((2, *size), np.float32)
         self._first, self._second = np.empty((2, *size), np.uint8)
-        self.most_px = 0.0
-        # by level: px that a block moves along x and y; and whole cells
-        self._moves = np.empty((2, 256), np.float32)
-        self._cell_moves = np.empty((1, 256), np.int32)
-        self._careful = False  # whether near and far surfaces separate enough for occlusion
-
         self.reset()
 
     def reset(self) -> None:
@@ -277,11 +271,13 @@ class Warper:
         # by which a pixel is moved down or up at most
         self.most_px = ZERO * self._unit_px * abs(down) + abs(shift_y)
         per_level = np.array((right * self._unit_px, down * self._unit_px))
+        # by level: px that a block moves along x and y; and whole cells
         moves = np.rint((_UNITS * per_level + (shift_x, shift_y)) / _STEP_PX) * _STEP_PX
         self._moves = np.ascontiguousarray(moves.T, np.float32)
         cells = np.floor(np.clip(moves / self._step[::-1], -_FAR, _FAR) + 0.5).astype(np.int16)
         self._cell_moves = cells.view(np.int32).reshape(1, 256)
         offset_y, offset_x = abs(down) * self._span_px, abs(right) * self._span_px
+        # whether near and far surfaces separate enough for occlusion
         self._careful = max(offset_x, offset_y) >= CAREFUL_PX
         if not self._careful:
             return

@@ -141,8 +141,7 @@ class Ui:
         self.scenes.serve(t_ns)
         if self.settings.show_changes():
             self._display.title(self.viewer.field.name)
-        if self.recording.update(t_ns):
-            self.presenter.redraw()
+        self.recording.update(t_ns)
         self._set_overlay(t_ns)
 
     def act(self, name: str, value: float = 0.0) -> str:
@@ -207,7 +206,8 @@ class Ui:
 
     def pass_on_notices(self) -> None:
         """Emits the display's notices."""
-        for notice in self._display.notices():
+        notice, self._display.notice = self._display.notice, None
+        if notice is not None:
             (self.context.report_lost if notice.lost else self.context.notify)(notice.text)
 
     def _set_overlay(self, t_ns: int) -> None:

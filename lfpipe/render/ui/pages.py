@@ -6,7 +6,7 @@ camera's focal length by the distance of the viewer's eyes (key k). The page of 
 
 import math
 from collections import deque
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
 
 import attrs
@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import Render
-from lfpipe.config.check import check_focal, keep_focal
+from lfpipe.config.check import keep_focal
 from lfpipe.config.session_options import CameraViewer
-from lfpipe.config.session_options import Viewer as ViewerKind
 from lfpipe.eyes import EYES, EyesRecord
 from lfpipe.render.display import ACCENT, BACK, OFF, RED
 from lfpipe.render.display.display import VIEWERS, Event, Item, Menu, Overlay
@@ -253,12 +252,6 @@ class Distance:
         )
 
 
-def median_of(eye_distance_px: Collection[float]) -> tuple[float, bool]:
-    """The median of distances (0 if there are none), and whether the viewer was still enough."""
-    low, median, high = np.percentile(list(eye_distance_px) or [0.0], (25, 50, 75)).tolist()
-    return median, high - low <= SPREAD * median > 0
-
-
 @attrs.define(eq=False)
 class StillEyes:
     """Eye distances in px while the head is still."""
@@ -271,7 +264,8 @@ class StillEyes:
         self.has_face = eye_distance_px is not None
         if eye_distance_px is not None:
             self._px.append(eye_distance_px)
-            if not median_of(self._px)[1]:
+            low, median, high = np.percentile(self._px, (25, 50, 75)).tolist()
+            if not high - low <= SPREAD * median > 0:
                 self._px.clear()
 
     @property
@@ -281,7 +275,7 @@ class StillEyes:
 
     @property
     def median_px(self) -> float:
-        return median_of(self._px)[0]
+        return float(np.median(self._px))
 
 
 def mirrored(
@@ -313,13 +307,6 @@ def calibration_page(distance: Distance, ready: bool, has_face: bool, is_stored:
         state = "Saved. To check: move, set the new distance" if is_stored else "Ready"
     last = DONE if is_stored else attrs.evolve(ACCEPT, off=not ready)
     return Overlay(lines=(state,), items=(*distance.items, AGAIN, last))
-
-
-def _save(viewer: ViewerKind, focal_px: float, width_px: int) -> None:
-    """Stores the focal length of a viewer's camera. Raises UserError."""
-    check_focal(focal_px, width_px)
-    name = viewer.name if isinstance(viewer, CameraViewer) else ""
-    keep_focal(name or viewer.source, focal_px, width_px)
 
 
 class CalibrationPage(Page):
@@ -359,9 +346,10 @@ class CalibrationPage(Page):
             if self._eyes.share == 1.0 and not self.is_stored:
                 eyes_mm = self._context.config.screen.eyes_mm
                 focal_px = round(self._eyes.median_px * 10 * self.distance.cm / eyes_mm, 1)
-                viewer, width_px = self._context.options.viewer, self._frame.shape[1]
+                viewer = self._context.options.viewer
+                name = viewer.name if isinstance(viewer, CameraViewer) else ""
                 self._files.do(
-                    partial(_save, viewer, focal_px, width_px),
+                    partial(keep_focal, name or viewer.source, focal_px, self._frame.shape[1]),
                     lambda _: self._context.request("keep", focal_px=focal_px),
                 )
         elif event == AGAIN.event:

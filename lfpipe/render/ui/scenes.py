@@ -34,10 +34,9 @@ from lfpipe.transport.control import Answer, Message
 from lfpipe.transport.ring import SECOND_NS, Reader, now_ns
 
 TITLE_CHARS = 32  # of a path: beside them, a small window has the page's buttons
-MAX_PICTURES = 100  # that are looked for
 WHOLE = (*HOLDS_ALL, ".mpo", ".jps", ".gif")  # files that are no view of another scene
 
-MAX_LISTED = 1000  # of the names in a folder
+MAX_LISTED = 1000  # of the names in a folder, and pictures that are looked for
 VIEWS = 4  # pictures whose names differ in numbers only, from here on: parts of one scene
 
 
@@ -130,10 +129,12 @@ class FolderPage(Page):
     def _show(self, content: Content) -> None:
         self._content = content
         self._pictures = {}
-        for name in (*content.folders, *content.scenes)[:MAX_PICTURES]:
+        for name in (*content.folders, *content.scenes)[:MAX_LISTED]:
             path = str(content.folder / name)
-            read = partial(middle_view, path, self._context.config.scene)
-            self._files.do(read, partial(self._pictures.__setitem__, path))
+            self._files.do(
+                partial(middle_view, path, self._context.config.scene),
+                partial(self._pictures.__setitem__, path),
+            )
 
     def handle(self, event: Event) -> bool:
         """Enters a folder."""
@@ -248,8 +249,7 @@ class SceneLoader:
                 self.step(1)
             return
         is_alone = t_ns - int(self._context.row["t_face_ns"]) > ALONE_NS
-        due = is_alone and t_ns > self._first_due_ns
-        if options.lock_code and options.playlist_at and due:
+        if options.lock_code and options.playlist_at and is_alone and t_ns > self._first_due_ns:
             self._first_due_ns = t_ns + ALONE_NS  # it may need packing again
             self._context.request("load", at=0)
 
@@ -309,8 +309,7 @@ class ScenePage(Page):
             tiles = [self._tile(one) for one in options.playlist if self._is_demo(one) == demos]
             items += [Item(heading, row=True), *tiles] if tiles else []
         at = next((k for k, item in enumerate(items) if item.event.text == shown), 0)
-        title = "lfpipe" if options.start else "Choose a scene"
-        return Overlay(menu=Menu(title, tuple(items), at))
+        return Overlay(menu=Menu("lfpipe" if options.start else "Choose a scene", tuple(items), at))
 
     def _tile(self, scene: str) -> Item:
         picture, what = self._pictures.get(scene, NO_PREVIEW)
@@ -336,8 +335,10 @@ class ScenePage(Page):
                 picture = np.asarray(cv2.imread(str(stored)), np.uint8)[..., ::-1]
                 self._pictures[scene] = picture, ""
             else:
-                read = partial(middle_view, scene, self._context.config.scene)
-                self._files.do(read, partial(self._pictures.__setitem__, scene))
+                self._files.do(
+                    partial(middle_view, scene, self._context.config.scene),
+                    partial(self._pictures.__setitem__, scene),
+                )
         if options.viewer.tracked and self._camera is None:
             self._camera = Reader(self._context.spec.session.segment("frames"))
 

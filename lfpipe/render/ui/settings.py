@@ -95,11 +95,11 @@ def short(path: Path) -> str:
     return str(path).replace(str(Path.home()), "~")
 
 
+@attrs.define(eq=False)
 class Notices:
     """Notices for a time, by subject: a new one replaces the previous one of its subject."""
 
-    def __init__(self) -> None:
-        self._passing: dict[str, tuple[Notice, int]] = {}  # subject -> (notice, end)
+    _passing: dict[str, tuple[Notice, int]] = attrs.field(factory=dict)  # subject -> (notice, end)
 
     def show(
         self, subject: str, text: str, shown_ns: int = SHOWN_NS, items: tuple[Item, ...] = ()
@@ -218,10 +218,9 @@ class Settings:
     requested: list[dict[str, Any]] = attrs.field(factory=list)
     """Changes of keys that are neither applied nor refused yet, in the order of their answers."""
     _alpha_px: float = 0.0  # before the latest change
-    _last: tuple[Render, int, str, bool] = attrs.field(init=False)
-
-    def __attrs_post_init__(self) -> None:
-        self._last = self._now()
+    _last: tuple[Render, int, str, bool] = attrs.field(
+        init=False, default=attrs.Factory(lambda self: self._now(), takes_self=True)
+    )
 
     @property
     def render(self) -> Render:
@@ -260,8 +259,12 @@ class Settings:
     def _now(self) -> tuple[Render, int, str, bool]:
         """The settings, the lowered level, the scene and its order of depth."""
         context, field = self._context, self._viewer.field
-        level = level_number(context.options)
-        return context.config.render, level, field.name, field.depth_inverted
+        return (
+            context.config.render,
+            level_number(context.options),
+            field.name,
+            field.depth_inverted,
+        )
 
     def show_changes(self) -> bool:
         """Shows changes since the last call; returns whether the scene changed."""
@@ -360,8 +363,8 @@ class RecordingIndicator:
         self.is_requested = True
         self._context.request("record", path=path)
 
-    def update(self, t_ns: int) -> bool:
-        """Updates the status; returns whether it changed."""
+    def update(self, t_ns: int) -> None:
+        """Updates the status."""
         folder = self._context.options.record
         duration_s = (t_ns - self._began_ns) // SECOND_NS
         if folder != self._folder:
@@ -378,8 +381,7 @@ class RecordingIndicator:
             if t_ns >= until_ns:
                 self._ended = None
                 self._notices.show("record", text, QUESTION_NS)
-        before, self.status = self.status, f"{duration_s // 60}:{duration_s % 60:02}" * bool(folder)
-        return self.status != before
+        self.status = f"{duration_s // 60}:{duration_s % 60:02}" * bool(folder)
 
 
 def user_folder(folder: Path) -> Path:

@@ -37,8 +37,8 @@ class MouseLook:
         self._viewer, self._pointer = viewer, Pointer()
         self._size_px = config.camera.frame_px
         self._anchor = 0.5, 0.5  # where the pointer must be for the neutral position
-        self._focal_px = camera_focal_px(config, self._size_px[0])
-        self._eyes_mm = config.screen.eyes_mm
+        # distance of the eyes in the picture, px, times that of the viewer, mm
+        self._eyes_px_mm = camera_focal_px(config, self._size_px[0]) * config.screen.eyes_mm
         distance_mm = config.screen.distance_mm
         self._distance_mm = SEAT_MM if distance_mm == "auto" else float(distance_mm)
         # the middle of the eyes after one low-pass, and after both
@@ -113,7 +113,7 @@ class MouseLook:
         middle_px = self._eased_px[1] + (once_px - self._eased_px[1]) * share
         self._eased_px = once_px, middle_px
 
-        eye_distance_px = self._focal_px * self._eyes_mm / self._distance_mm
+        eye_distance_px = self._eyes_px_mm / self._distance_mm
         if face is not None:
             eye_distance_px = face.eye_distance_px or math.dist(
                 face.filtered_px[:2], face.filtered_px[2:]
@@ -147,8 +147,7 @@ class MouseLook:
                         data=eyes_line(written, source_seq=self._count),
                     )
                 )
-        is_released = not self._alone and not self._pointer.right
-        if is_released and t_ns - self._released_ns > SECOND_NS // 2:
+        if not (self._alone or self._pointer.right) and t_ns - self._released_ns > SECOND_NS // 2:
             self._eased_px = None  # the camera's eyes again: after 8 EASE_S, no step is visible
         return mouse_eyes, stamp
 

@@ -30,7 +30,6 @@ to neutral; when a face returns, it is eased back. It never jumps.
 
 import enum
 import math
-import operator
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -118,8 +117,7 @@ class Presence:
         self._measured: RestingEyes | None = None  # the same
         self._left: Seat | None = None
         self._unconfirmed = False  # whether the seat is a former one, where nobody has rested since
-        # of the last frame: whether its face is back in its seat; whether it is still, even briefly
-        self.returned = self.settled = False
+        self.settled = False  # whether the face of the last frame is still, even briefly
 
     def update(
         self, t_ns: int, here: RestingEyes | None, generation: int = 0, beyond: bool = False
@@ -129,7 +127,7 @@ class Presence:
         neutral position and distance when it is time to measure them, else None.
         """
         state = self.state
-        self.returned = self.settled = False
+        self.settled = False
         if here is None:
             self._first = None
             if state not in (ViewerState.NOBODY, ViewerState.LOST):
@@ -210,7 +208,6 @@ class Presence:
         self._last = here
         self._measured = seat.rest
         self._unconfirmed = True
-        self.returned = True
         return seat.rest
 
     def _rest(self, t_ns: int, here: RestingEyes, other: bool) -> RestingEyes | None:
@@ -221,7 +218,7 @@ class Presence:
         if other or self._first is None or not self._first.contains(here, REST_SPAN, REST_DEPTH):
             self._first, self._since_ns = here, t_ns
             self._sums, self._count = RestingEyes(0.0, 0.0, 0.0), 0
-        self._sums = RestingEyes(*map(operator.add, self._sums, here))
+        self._sums = RestingEyes(*map(sum, zip(self._sums, here, strict=True)))
         self._count += 1
         rest_ns = t_ns - self._since_ns
         self.settled = rest_ns >= SETTLED_S * SECOND_NS and self._count >= SETTLED_FRAMES
