@@ -88,8 +88,9 @@ class RingInput:
         self._row = row
         self.reader = ring.Reader(session.segment(name))
         self.wake = Wake(session.wake(name, spec.name))
-        is_lossless = isinstance(clock, Lossless)
-        self._credit = Wake(session.credit(name, spec.name)) if is_lossless else None
+        self._credit = (
+            Wake(session.credit(name, spec.name)) if isinstance(clock, Lossless) else None
+        )
         self._lock_step = isinstance(clock, Lossless) and clock.lock_step
         self._index = spec.ring_index(name)
         self._read_seq = row.record["taken_seq"].data

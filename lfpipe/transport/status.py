@@ -52,9 +52,12 @@ def bucket_of(us: int) -> int:
     return min((shift << 5) + (us >> shift), BUCKETS - 1)
 
 
-# the values that represent the buckets: above 64 us, their middles
-_OCTAVES, _STEPS = np.divmod(np.arange(64, BUCKETS), 32)
-MIDDLES_US = np.concatenate([np.arange(64.0), ((2 * _STEPS + 65) * 2.0 ** (_OCTAVES - 1) - 1) / 2])
+def _middle_us(bucket: int) -> float:
+    """The value that represents a bucket: above 64 us, its middle."""
+    return bucket if bucket < 64 else ((2 * (bucket % 32) + 65) * 2.0 ** (bucket // 32 - 1) - 1) / 2
+
+
+MIDDLES_US = np.array([_middle_us(k) for k in range(BUCKETS)])
 
 
 class Histogram:
