@@ -131,7 +131,7 @@ def first_level(config: Config, options: SessionOptions, levels: Sequence[Qualit
         picture_px = costs.picture_px * level.size**2
         cost_ns = costs.ns_per_px.get(level.method, 0.0) * picture_px
         rate_hz = options.viewer.rate_hz if on_camera else level.rate_hz
-        if cost_ns / thread_count(picture_px, costs.cores) <= FITS * 1e9 / rate_hz:
+        if cost_ns * rate_hz <= FITS * 1e9 * thread_count(picture_px, costs.cores):
             return level.number
     return levels[-1].number
 

@@ -13,7 +13,6 @@ Emits: parallax (alpha and its reasons), viewer (nobody, arriving, seated, lost,
 (an output was lost).
 """
 
-import gc
 import logging
 import math
 from collections.abc import Mapping
@@ -449,10 +448,6 @@ class RenderStage:
         self._viewer.set(self._field, self._config, self._share, only_disparity_is_new)
         if is_packed_anew:
             self._measure_costs()
-            # the old compositor's parts refer to one another, and to the maps of the pack
-            gc.unfreeze()
-            gc.collect()
-            gc.freeze()
 
     def _store_choice(self) -> None:
         """Stores the depth order that the user chose, of a scene that is not live; a replay only

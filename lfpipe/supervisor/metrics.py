@@ -306,13 +306,15 @@ class _Stage:
 class Governor:
     """The level of a session. relieves: for each level from 1 on, the stages that it relieves."""
 
-    def __init__(self, relieves: Sequence[frozenset[str]]) -> None:
-        self.level = 0
+    def __init__(self, relieves: Sequence[frozenset[str]], level: int = 0) -> None:
+        self.level = level
+        self.best = 0
+        """No better level is tried."""
         self._relieves = tuple(relieves)
         self._required_s = HEADROOM_S  # headroom time required to raise the level
         self._changes = CHANGES
         self._raised_ns = self._lost_ns = -math.inf
-        self._before = self._deepest = 0  # the levels before the last burst and at its end
+        self._before, self._deepest = 0, level  # before the last burst and at its end
         self._t_ns = -math.inf
         self._headroom_s = 0.0
         self._stages: dict[str, _Stage] = {}
@@ -350,9 +352,9 @@ class Governor:
         if worst and lags[worst].lag_s >= LAG_S:
             step = Step(self._lowered(t_ns), worst, lags[worst].lagging)
             self._lost_ns = t_ns
-        elif self.level and self._headroom_s >= self._required_s and self._changes >= 2:
+        elif self.level > self.best and self._headroom_s >= self._required_s and self._changes >= 2:
             self._raised_ns = t_ns
-            step = Step(min(self._before, self.level - 1))
+            step = Step(max(self.best, min(self._before, self.level - 1)))
         else:
             return None
         self.level = step.level
@@ -380,6 +382,7 @@ class QualityControl:
     def __init__(self, cores: Mapping[str, tuple[int, ...]]) -> None:
         self._cores = cores
         self._levels: tuple[QualityLevel, ...] = ()
+        self._governor = Governor(())
         self._before: dict[str, tuple[int, int, int]] = {}
         self._due_ns = self._settled_ns = 0
 
@@ -387,7 +390,7 @@ class QualityControl:
         """Reads the table, at most every SAMPLE_NS; returns the resulting change of level,
         if any.
         """
-        if state.levels != self._levels:  # begins at full quality
+        if state.levels != self._levels or state.level.number != self._governor.level:
             self._levels = state.levels
             # the stages that run faster at a level share cores with the relieved one
             helped = [
@@ -401,8 +404,10 @@ class QualityControl:
             # Levels are lowered in order: a stage that only a later
             # level relieves needs the earlier ones too.
             self._governor = Governor(
-                [frozenset[str]().union(*helped[number:]) for number in range(len(helped))]
+                [frozenset[str]().union(*helped[number:]) for number in range(len(helped))],
+                state.level.number,
             )
+        self._governor.best = state.best_level
         if len(self._levels) == 1 or t_ns < self._due_ns:
             return None
         self._due_ns = t_ns + SAMPLE_NS

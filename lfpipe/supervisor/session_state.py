@@ -95,6 +95,11 @@ class SessionState:
         """The current level."""
         return self.options.level or self.levels[0]
 
+    @property
+    def best_level(self) -> int:
+        """The number of the best level whose pictures fit the display's period."""
+        return first_level(self.config, self.options, self.levels)
+
     def replaces_revertible_of(self, earlier: SessionState) -> bool:
         """Whether this state, one change after an earlier one, may be rolled back: the change has
         set a revertible setting, perhaps to an equal value.
@@ -182,8 +187,8 @@ class SessionState:
         at a lower one that is in use.
         """
         new = self.changed(costs=costs)
-        number = max(first_level(new.config, new.options, new.levels), new.level.number)
-        return new.with_level(number)
+        in_use = min(self.level.number, new.levels[-1].number)
+        return new.with_level(max(new.best_level, in_use))
 
     def with_pictures(self, until_ns: int) -> SessionState:
         """With the ring of pictures leased at least until then; self if only the lease is

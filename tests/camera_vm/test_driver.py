@@ -1,8 +1,6 @@
 """The product's camera on the real driver: formats, rounding, stamps, controls."""
 
 import contextlib
-import subprocess
-import sys
 from pathlib import Path
 from typing import cast
 
@@ -12,7 +10,7 @@ import pytest
 
 from lfpipe import config
 from lfpipe.capture.camera import CameraSource, check_camera, open_camera
-from lfpipe.capture.camera_list import asking, cameras
+from lfpipe.capture.camera_list import asking
 from lfpipe.capture.frame_source import Frame
 from lfpipe.capture.v4l2_device import DECODED
 from lfpipe.config.tree import PixelFormat
@@ -86,14 +84,3 @@ def test_both_kinds_of_stamp_are_used_although_they_are_ahead(
         [frame.source_seq for frame in found]
     )
     assert abs(float(np.median(steps_ms)) - 100) < 5
-
-
-def test_the_list_of_cameras_fits_a_screen(vivid: Path) -> None:
-    words = (sys.executable, "-m", "lfpipe", "cameras")
-    env = {"COLUMNS": "80", "HOME": "/root"}
-    lines = subprocess.run(
-        words, capture_output=True, text=True, env=env, check=True
-    ).stdout.splitlines()
-    assert len(lines) <= 24 and max(map(len, lines)) <= 80, lines
-    assert "640x480@25" in " ".join(lines) and "camera.gain" in " ".join(lines)
-    assert [device.name for device in cameras()] == [driver.VIVID]

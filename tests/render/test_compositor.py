@@ -3,6 +3,7 @@ views of two eyes in a screen's
 own pixels: whole rows, whole halves, shapes kept.
 """
 
+import weakref
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -98,7 +99,7 @@ def test_viewer_takes_whatever_a_tracker_says(
 def test_compose_with_several_threads_is_the_same_picture(
     method: Method, threads: int, unknown: bool
 ) -> None:
-    field = rendered.field(2, 3, 131, 95)
+    field = attrs.evolve(rendered.field(2, 3, 131, 95))
     if unknown:
         disparity = np.array(field.disparity)
         disparity[..., 20:40, 10:30] = UNKNOWN
@@ -109,6 +110,9 @@ def test_compose_with_several_threads_is_the_same_picture(
         for place in np.random.default_rng(1).uniform(0, 2, (8, 3)).tolist():
             left, right = (place[0] / 2, place[1]), (place[0] / 2, place[2])
             np.testing.assert_array_equal(one.compose(left, right), several.compose(left, right))
+    kept = weakref.ref(field)
+    del field, one, several
+    assert kept() is None, "no cycle keeps a pack mapped until the next garbage collection"
 
 
 LEFT, RIGHT = (10, 20, 200), (220, 120, 30)

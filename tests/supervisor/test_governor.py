@@ -3,17 +3,20 @@
 from collections.abc import Callable
 from functools import cache, partial
 
+import attrs
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.config import Config, DrawingCosts, Render, SessionOptions
+from lfpipe.config import Config, DrawingCosts, Render, SceneSummary, SessionOptions
+from lfpipe.config.quality import METHODS
 from lfpipe.supervisor import process_table
 from lfpipe.supervisor.metrics import GAP_S, Governor, Load, QualityControl, Step
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.ring import SECOND_NS
 from lfpipe.transport.status import ROW, State
+from tests.config.test_quality import ERRORS
 from tests.supervisor.states import SCENE
 from tests.support.examples import examples
 
@@ -249,9 +252,10 @@ class Session:
         self,
         config: Config | None = None,
         cores: dict[str, tuple[int, ...]] | None = None,
+        scene: SceneSummary = SCENE,
     ) -> None:
         self.state = SessionState.first(
-            config or Config(), SessionOptions(scene=SCENE, costs=COSTS)
+            config or Config(), SessionOptions(scene=scene, costs=COSTS)
         )
         self.rows = _rows()
         self.t_ns = 0
@@ -296,6 +300,36 @@ def test_quality_control_judges_nothing_while_a_stage_starts() -> None:
     session.rows["track"]["state"] = State.RUNNING
     session.work(0.9, "render", "missed")
     assert session.state.level.number == 0
+
+
+drawing_costs = st.builds(
+    DrawingCosts,
+    ns_per_px=st.sampled_from(
+        [
+            dict(zip(METHODS, ns, strict=True))
+            for ns in ((10, 7, 2, 1.5), (30, 9, 8, 7), (9, 8, 7, 1))
+        ]
+    ),
+    picture_px=st.integers(10_000, 8_000_000),
+    cores=st.integers(1, 4),
+)
+
+
+@given(drawing_costs, drawing_costs, st.integers(0, 9))
+def test_costs_that_are_measured_again_leave_the_level_in_use(
+    first: DrawingCosts, again: DrawingCosts, number: int
+) -> None:
+    session = Session(scene=attrs.evolve(SCENE, errors=ERRORS))
+    before = session.state.with_costs(first)
+    session.state = before = before.with_level(min(number, len(before.levels) - 1))
+    session.work(0.3, "", "")
+    session.state = before.with_costs(again)
+    start, lowest = session.state.level.number, session.state.levels[-1].number
+    assert start >= min(before.level.number, lowest), "it is measured on a busy machine, too"
+    session.work(1.0, "render", "missed")
+    assert session.state.level.number == min(start + 1, lowest), "it goes down from there"
+    session.work(60.0, "", "")
+    assert session.state.level.number == session.state.best_level, "and up to what fits, no higher"
 
 
 def test_quality_control_takes_no_level_that_does_not_help() -> None:

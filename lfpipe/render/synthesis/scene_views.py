@@ -3,6 +3,8 @@
 import threading
 from collections.abc import Callable
 from functools import cached_property, lru_cache
+from typing import TypeVar
+from weakref import WeakMethod
 
 import cv2
 import numpy as np
@@ -15,7 +17,16 @@ from lfpipe.scene.lightfield import UNKNOWN, LightField
 # a surface of this slope is bent by less than half a pixel of a view one step away
 EDGE_PX = 0.5
 
+T = TypeVar("T")
 Source = Callable[[int, int, int], NDArray[np.uint8]]  # (frame, row, col) -> a plane of that view
+
+
+def not_owning(method: Callable[..., T]) -> Callable[..., T]:
+    """A method, to be cached by its own object: they would be a cycle, which ends at the next
+    garbage collection alone, and until then keeps a pack mapped.
+    """
+    weak = WeakMethod(method)
+    return lambda *arguments: weak()(*arguments)  # type: ignore[misc]  # only its object calls it
 
 
 def size_of(height_px: int, width_px: int) -> tuple[int, int]:
@@ -85,9 +96,9 @@ class SceneViews:
         self._builder = PlaneBuilder((self.height_px, self.width_px))
         self._building = threading.Lock()  # a builder has one set of buffers
         fit = budget_bytes // max(1, self.height_px * self.width_px)
-        self.built = lru_cache(max(8, fit))(self._build)
-        self._reduced = lru_cache(max(4, fit // field.channels))(self._reduce)
-        self._reduced_map = lru_cache(max(4, 4 * fit))(self._reduce_map)
+        self.built = lru_cache(max(8, fit))(not_owning(self._build))
+        self._reduced = lru_cache(max(4, fit // field.channels))(not_owning(self._reduce))
+        self._reduced_map = lru_cache(max(4, 4 * fit))(not_owning(self._reduce_map))
 
     def replace(self, field: LightField) -> None:
         """Draws another light field of the same size from now on."""

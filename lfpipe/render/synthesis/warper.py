@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.render.synthesis.scene_views import SceneViews, size_of
+from lfpipe.render.synthesis.scene_views import SceneViews, not_owning, size_of
 from lfpipe.render.synthesis.viewpoint import Position, ViewWeight, cell_of, view_weights
 from lfpipe.scene.lightfield import UNKNOWN
 
@@ -223,8 +223,8 @@ class Warper:
                 f"disparity of {self._map(0, 0, 0).shape} values, not one for each 2x2 pixels:"
                 f" {rows, cols}"
             )
-        self._unknown_in = cache(self._find_unknown)
-        self._unknown_around = cache(self._find_unknown_around)
+        self._unknown_in = cache(not_owning(self._find_unknown))
+        self._unknown_around = cache(not_owning(self._find_unknown_around))
         # px of a view per px of its disparity
         self._step = (scene.height_px / rows, scene.width_px / cols)
         self._size = scene.height_px, scene.width_px
