@@ -50,8 +50,8 @@ from lfpipe.render.display.window_system import FONT, pygame
 from lfpipe.render.ui.pages import glasses_menu
 from lfpipe.render.ui.scenes import THUMBNAILS
 from lfpipe.scene.demo_drawing import draw_view
-from lfpipe.scene.demo_scenes import moving_solids
-from lfpipe.scene.pack import DEMO_SIZE_PX, DEMOS, cache_dir, demo_scene
+from lfpipe.scene.layouts.demo import solids_of
+from lfpipe.scene.pack import DEMO, DEMO_SIZE_PX, DEMOS, cache_dir, demo_scene
 from lfpipe.supervisor.metrics import session_metrics
 from lfpipe.supervisor.process_table import CORE, METRICS
 from lfpipe.transport.ring import MS_NS
@@ -69,7 +69,7 @@ LAG_S = {"lfpipe": 0.039, "paper": 0.123}  # docs/figures.md
 STEP_MS, PANEL_PX = 100, 300
 # of the live scene: frames, seconds from its first to its last moment, columns of the demo's grid
 # that its two cameras stand at, and columns of both eyes, from the first camera to the second
-LIVE_FRAMES, LIVE_S, LIVE_COLS, LIVE_QUALITY, LABEL_PX = 30, 3.0, (-1.0, 1.0), 50, 22
+LIVE_FRAMES, LIVE_TRACK, LIVE_COLS, LIVE_QUALITY, LABEL_PX = 30, 2.0, (-1.0, 1.0), 50, 22
 HEADS = {"left": (-0.5, 0.1), "right": (0.9, 1.5)}
 FILTERS = {"red": (0, 0, 1), "cyan": (1, 1, 0)}  # channels that pass, BGR
 INK = (87, 96, 106)
@@ -186,8 +186,8 @@ def _save_film(pictures: Sequence[Image.Image], path: Path, step_ms: int, qualit
 
 
 def live_frames(phases: Sequence[float]) -> Iterator[Image.Image]:
-    """Pictures of a moving scene. phases: 0 to 1, from its first moment to its last one and back;
-    in order, because disparity starts from the frame before.
+    """Pictures of a scene that a pair of cameras passes. phases: 0 to 1, from one side to the other
+    and back; in order, because disparity starts from the frame before.
     """
     source = LiveSource(
         source="demo", rows=1, cols=2, tiles_across=2, frame_px=(2 * DEMO_SIZE_PX, DEMO_SIZE_PX)
@@ -195,8 +195,8 @@ def live_frames(phases: Sequence[float]) -> Iterator[Image.Image]:
     estimator, views = Estimator(source, aligns=False), LiveViews(source, "demo")
     pair = pairs_in_need(source, [(0.0, 0.5)])
     for number, phase in enumerate(phases):
-        t_s = LIVE_S * (0.5 - 0.5 * math.cos(2 * math.pi * phase))
-        taken = np.hstack([draw_view(moving_solids(t_s), col, 0.0)[0] for col in LIVE_COLS])
+        passed = LIVE_TRACK * math.cos(2 * math.pi * phase)
+        taken = np.hstack([draw_view(solids_of(DEMO), passed + col, 0.0)[0] for col in LIVE_COLS])
         picture = np.ascontiguousarray(taken[..., ::-1])
         record = estimator.estimate(picture, pair)
         field = views.show(picture, views_of(pair), record, number * STEP_MS * MS_NS)

@@ -31,7 +31,7 @@ from lfpipe.render.plan import make_plan, planned_levels
 from lfpipe.render.synthesis.compositor import ViewRenderer
 from lfpipe.scene.analysis import describe_folder
 from lfpipe.scene.lightfield import LightField
-from lfpipe.scene.pack import ask_manifest, cache_dir, open_scene, packed, packs, remove, sweep
+from lfpipe.scene.pack import ask_manifest, cache_dir, open_scene, packed, packs, remove
 from lfpipe.scene.packer import expected_field, facts, lines
 from lfpipe.supervisor.process_table import SCORER
 
@@ -134,7 +134,7 @@ def clean(keys: tuple[str, ...], everything: bool, config: Config) -> None:
     for pack in chosen:
         if is_dir(pack.folder):
             print_result(f"kept, in use or with other files: {pack.folder.name}")
-    leftovers = sweep(config.scene)
+    leftovers = sum(remove(pack.folder) for pack in packs(config.scene) if pack.manifest is None)
     count = "1 pack" if len(removed_bytes) == 1 else f"{len(removed_bytes)} packs"
     print_result(f"removed {count}, {sum(removed_bytes) / 1e6:.1f} MB, and {leftovers} leftovers")
 

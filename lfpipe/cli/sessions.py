@@ -346,9 +346,9 @@ def load_scene(session_name: str, scene: Path) -> None:
 
 
 def _absolute(scene: Path) -> str:
-    from lfpipe.scene.pack import absolute_path  # itself slow to import
+    from lfpipe.scene.pack import cache_dir, named_scene  # itself slow to import
 
-    return str(absolute_path(scene, configuration.load().scene))
+    return str(named_scene(scene, cache_dir(configuration.load().scene)).resolve())
 
 
 @ctl.command("set")

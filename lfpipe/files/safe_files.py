@@ -213,7 +213,6 @@ class LineFile:
         path is not a file.
         """
         check_regular(path)
-        self.path = path
         self._fd = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | CAREFUL, PRIVATE)
         size = os.fstat(self._fd).st_size
         tail = (
@@ -422,15 +421,17 @@ class Fields:
 
     def numbers(self, key: str, count: int, low: float, high: float) -> list[float]:
         """A list of finite numbers of the given length."""
-
-        def fits(value: Any) -> bool:
-            return (
-                isinstance(value, list)
-                and len(value) == count
-                and all(_is_number(number) and low <= number <= high for number in value)
+        return list(
+            self._read(
+                key,
+                lambda values: (
+                    isinstance(values, list)
+                    and len(values) == count
+                    and all(_is_number(v) and low <= v <= high for v in values)
+                ),
+                f"{count} numbers from {low:g} to {high:g}",
             )
-
-        return list(self._read(key, fits, f"{count} numbers from {low:g} to {high:g}"))
+        )
 
     def table(self, key: str) -> "Fields":
         """A mapping within this one."""
@@ -530,18 +531,13 @@ class TraceFile:
         try:
             if self._goes_on:
                 self._file.append(line)
-            else:
-                self._begin(self._file.path, line)
+            else:  # replaces the lines of an earlier session, which stay if that fails
+                write_file(self._path, line)
+                self._file.close()
+                self._file = LineFile(self._path)
+                self._goes_on = True
         except OSError as error:
             self._end(error)
-
-    def _begin(self, path: Path, line: bytes) -> None:
-        """Replaces the lines of an earlier session, which stay if that fails. Raises OSError."""
-        self.close()
-        with replaced(path) as file:
-            file.write(line)
-        self._file = LineFile(path)
-        self._goes_on = True
 
     def _end(self, error: OSError) -> None:
         self.close()

@@ -478,8 +478,6 @@ class LiveViews:
     def _follow_range(self, record: NDArray[np.void], t_ns: int) -> None:
         step_px = float(record["scale_px"])
         count = int(record["count"])
-        if not count:
-            return
         border = border_range(record["maps"][:count].astype(np.float32) * np.float32(step_px))
         new = (float(record["low_px"]), float(record["high_px"]), *border)
         share = low_pass_gain((t_ns - self._t_ns) / 1e9, RANGE_S) if self._range else 1.0

@@ -19,7 +19,7 @@ from lfpipe.config import Config, options
 from lfpipe.config.check import MAX_LISTED, flat
 from lfpipe.errors import VALUE_CHARS, UserError, plain, quoted
 from lfpipe.files.pictures import header_of
-from lfpipe.files.safe_files import PLACE, reason, write_output
+from lfpipe.files.safe_files import write_output
 from lfpipe.render.listeners import PICTURES
 from lfpipe.replays.run import (
     COUNTED,
@@ -29,6 +29,7 @@ from lfpipe.replays.run import (
     pair,
     read_report,
     read_trace,
+    writing,
 )
 from lfpipe.sequence.packets import INDEX, Packets, decoded, encoded, read_index, read_packet
 
@@ -258,7 +259,7 @@ def _stored(folder: Path, lines: list[Line]) -> Callable[[str], NDArray[np.uint8
     """
     place = folder / PICTURES
     digest_of = {line["source_seq"]: line["picture"] for line in lines}
-    packets = read_index(place, complete=True) if os.path.lexists(place / INDEX) else Packets()
+    packets = read_index(place) if os.path.lexists(place / INDEX) else Packets()
     by_digest = {
         digest_of[packet.source_seq]: packet for packet in packets if packet.source_seq in digest_of
     }
@@ -325,10 +326,8 @@ def _save(folder: Path, frame: int, was: NDArray[np.uint8], now: NDArray[np.uint
         sides["difference"] = np.asarray(
             cv2.convertScaleAbs(difference, alpha=255 / max(1, int(difference.max()))), np.uint8
         )
-    try:
+    with writing(out):
         out.mkdir(exist_ok=True)
         for name, picture in sides.items():
             write_output(out / f"frame_{frame:06d}_{name}.png", encoded(picture))
-    except OSError as error:
-        raise UserError(f"{out}: {reason(error)}", PLACE) from None
     return f"{out}/frame_{frame:06d}_*.png"

@@ -362,7 +362,7 @@ def check_out(folder: Path) -> None:
 
     Raises UserError if it is not writable, or contains anything but results.
     """
-    with _writing(folder):
+    with writing(folder):
         folder.mkdir(PRIVATE_FOLDER, parents=True, exist_ok=True)
         if not os.access(folder, os.W_OK | os.X_OK):
             raise PermissionError(errno.EACCES, "Permission denied")
@@ -386,7 +386,7 @@ def _is_result(path: Path, name: str) -> bool:
 
 
 @contextlib.contextmanager
-def _writing(folder: Path) -> Iterator[None]:
+def writing(folder: Path) -> Iterator[None]:
     """Turns errors of writing a folder into UserError."""
     try:
         yield
@@ -397,7 +397,7 @@ def _writing(folder: Path) -> Iterator[None]:
 def clear_out(folder: Path) -> None:
     """Removes the results of an earlier run from folder. Raises UserError if that fails."""
     check_out(folder)
-    with _writing(folder):
+    with writing(folder):
         for path in folder.iterdir():
             shutil.rmtree(path) if is_dir(path) else path.unlink()
 
@@ -408,7 +408,7 @@ def update_reference(reference: Path, folder: Path) -> None:
     Raises UserError if that fails; the old reference is then kept.
     """
     place = Path(os.path.realpath(reference))
-    with _writing(reference), tempfile.TemporaryDirectory(dir=place.parent) as work:
+    with writing(reference), tempfile.TemporaryDirectory(dir=place.parent) as work:
         new, old = Path(work, "new"), Path(work, "old")
         new.mkdir(PRIVATE_FOLDER)
         for path in (folder / name for name in (REPORT, TRACE, PICTURES)):

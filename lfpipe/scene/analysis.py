@@ -248,7 +248,7 @@ def plausible(source: SceneSource) -> tuple[SceneSource, Measurements | None]:
     if measured.explained < FITS:
         return attrs.evolve(source, notes=(*source.notes, HARDLY_FIT)), measured
     if measured.moved_px < _NOTHING_PX:
-        one = attrs.evolve(
+        return attrs.evolve(
             source,
             rows=1,
             cols=1,
@@ -260,8 +260,7 @@ def plausible(source: SceneSource) -> tuple[SceneSource, Measurements | None]:
             coordinates=None,
             truth={},
             doubt="nothing moves between these pictures: one of them is shown",
-        )
-        return one, measured
+        ), measured
     return source, measured
 
 
@@ -471,20 +470,13 @@ def require_plausible_truth(source: SceneSource) -> None:
     read.
     """
     size = (source.height_px, source.width_px)
-    remedy = "remove the map to have disparity estimated"
     for (row, col), read in () if source.rendered else source.truth.items():
         values = read()
-        where = f"{source.path}: true disparity of the view in row {row} column {col}"
-        if values.shape != size:
+        most = float(np.abs(values).max())  # NaN if one of them is
+        if values.shape != size or not most <= max(size):
             raise UserError(
-                f"{where} has {values.shape[1]}x{values.shape[0]} values, but the"
-                f" views have {size[1]}x{size[0]} px",
-                remedy,
-            )
-        if bad := int(np.count_nonzero(~np.isfinite(values))):
-            raise UserError(f"{where}: {bad} of {values.size} values are NaN or infinite", remedy)
-        if (most := float(np.abs(values).max())) > max(size):
-            raise UserError(
-                f"{where}: up to {most:g} px per view, but the views have {size[1]}x{size[0]} px",
-                remedy,
+                f"{source.path}: true disparity of the view in row {row} column {col} has"
+                f" {values.shape[1]}x{values.shape[0]} values of up to {most:g} px per view, but"
+                f" the views have {size[1]}x{size[0]} px",
+                "remove the map to have disparity estimated",
             )

@@ -54,19 +54,10 @@ def demo_scene(cache_dir: Path, name: str = DEMO, size_px: int = SHOWN_PX) -> Pa
         cache_dir / f"demo-{DEMO_VERSION}" / (name if size_px == SHOWN_PX else f"{name}-{size_px}")
     )
     marker = folder / DEMO_MARKER
-    try:
+    with writing(cache_dir):
         if not marker.is_file():
-            write_file(
-                marker,
-                json.dumps({"scene": name, "version": DEMO_VERSION, "size_px": size_px}).encode(),
-                0o644,
-            )
-    except OSError as error:
-        raise UserError(
-            f"demo scene: {folder} cannot be written: {error.strerror or error}",
-            "check free disk space and permissions, or use another folder with --set"
-            " scene.cache_dir=DIR",
-        ) from None
+            about = {"scene": name, "version": DEMO_VERSION, "size_px": size_px}
+            write_file(marker, json.dumps(about).encode(), 0o644)
     return folder
 
 
@@ -348,13 +339,6 @@ def remove(folder: Path) -> bool:
     return True
 
 
-def sweep(scene: config.Scene) -> int:
-    """Removes leftovers of killed packers and other versions; returns their number. Raises
-    UserError.
-    """
-    return sum(remove(pack.folder) for pack in packs(scene) if pack.manifest is None)
-
-
 # several screens of thumbnails
 COUNT = 40
 
@@ -515,11 +499,6 @@ def open_scene(
         return scene.field
     _, summary = pack_until_shown(scene, progress, complete=True)
     return open_pack(Path(summary.pack), settings.invert_depth)
-
-
-def absolute_path(path: Path, settings: config.Scene) -> Path:
-    """A scene's path for another process; for demo:NAME, its folder. Raises UserError."""
-    return named_scene(path, cache_dir(settings)).resolve()
 
 
 def ask_manifest(path: Path, settings: config.Scene, progress: Progress | None = None) -> Manifest:

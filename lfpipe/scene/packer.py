@@ -14,8 +14,8 @@ scene, for people and programs, are those of its pack, or of an analysis if ther
 """
 
 import contextlib
-import importlib
 import os
+import pkgutil
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -161,11 +161,12 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
     if task.do == "info":
         manifest = scene_manifest(analyse_scene(paths[0], settings))
         return attrs.asdict(manifest) | {"notes": [*manifest.notes, *filter(None, [note])]}
+    score: Score = pkgutil.resolve_name(task.scorer) if task.scorer else lambda _: MethodScores()
     unusable = dict[str, str]()
     while True:
         report(scenes=[*map(str, paths)], note=note * bool(others))
         try:
-            field = pack_scene(paths[0], settings, _scorer(task.scorer), progress, views_ready)
+            field = pack_scene(paths[0], settings, score, progress, views_ready)
             break
         except UserError as error:
             unusable[str(paths[0])] = error.message.replace(str(paths[0]), paths[0].name)[:MAX_WHY]
@@ -177,15 +178,6 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
     if task.remember and not paths[0].is_relative_to(cache_dir(settings)):
         remember_scene(paths[0])
     return attrs.asdict(summarize(field))
-
-
-def _scorer(name: str) -> Score:
-    """The function that a request names; without a name, a function that scores no method."""
-    if not name:
-        return lambda field: MethodScores()
-    module, _, function = name.partition(":")
-    score: Score = getattr(importlib.import_module(module), function)
-    return score
 
 
 def playlist(paths: Iterable[Path], settings: Scene) -> tuple[list[Path], int]:

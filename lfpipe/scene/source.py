@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.errors import UserError, quoted
+from lfpipe.errors import UserError
 from lfpipe.files.safe_files import TEXT_BYTES, check_links, finite, open_file, open_regular, reason
 from lfpipe.host.files import proc_fd_path
 from lfpipe.host.terminal import opencv_logging
@@ -130,13 +130,9 @@ def list_scene(path: str | os.PathLike[str]) -> Listing:
         names, folders = entries(given)
     except FileNotFoundError:
         raise UserError(f"{where}: no such scene", _GIVE) from None
-    except OSError as error:
+    except (OSError, ValueError) as error:  # a NUL in the path
         raise UserError(
             f"{where}: cannot be read: {reason(error)}", "check the path and its permissions"
-        ) from None
-    except ValueError as error:  # a NUL in the path
-        raise UserError(
-            f"{quoted(str(given))}: not a path: {error}", "give the folder of the views"
         ) from None
     if not names and not folders:
         raise UserError(f"{where}: the folder is empty", _GIVE)

@@ -43,7 +43,6 @@ from lfpipe.host.files import exists
 from lfpipe.sequence.packets import (
     COPY,
     EYES_BYTES,
-    HEADER_BYTES,
     INDEX,
     LINE_BYTES,
     MAX_PIXELS,
@@ -103,9 +102,7 @@ def remove_empty(path: Path) -> None:
     """Removes the folder of a sequence without a complete frame, unless it holds other files."""
     with contextlib.suppress(OSError, UserError):
         names = {entry.name for entry in path.iterdir() if not WORK_NAME.fullmatch(entry.name)}
-        if names <= {MANIFEST, PACKETS, INDEX} and not (
-            INDEX in names and read_index(path, complete=False)
-        ):
+        if names <= {MANIFEST, PACKETS, INDEX} and not (INDEX in names and read_index(path)):
             shutil.rmtree(path)
 
 
@@ -263,19 +260,11 @@ def open_sequence(path: Path, verify: bool = True) -> Sequence:
     rate_hz = fields.number("rate_hz", 1e-3, MAX_HZ)
     complete = fields.flag("complete")
     frames = fields.integer("frames", 1, MAX_FRAMES) if complete else MAX_FRAMES
-    packets = read_index(path, complete, frames)
+    packets = read_index(path, frames + 1)
     if not len(packets):
         raise UserError(f"{path}: contains no whole frame", "record it again")
     if complete and len(packets) != frames:
         raise UserError(f"{path}: {len(packets)} frames, but {frames} were recorded", COPY)
-    largest = packets.largest()
-    most = 3 * width_px * height_px + HEADER_BYTES
-    if largest.bytes > most:
-        raise UserError(
-            f"{path}: frame {largest.seq} has {largest.bytes} bytes; one of {width_px}x{height_px}"
-            f" has at most {most}",
-            COPY,
-        )
     sequence = Sequence(
         path=path,
         manifest=dict(fields.values),
@@ -323,10 +312,9 @@ def _manifest(path: Path) -> Fields:
         )
     if fields.values.get("version") != VERSION:
         version = fields.integer("version", 0, 1 << 30)
-        remedy = "read it with the lfpipe that recorded it (versions in its manifest)"
         raise UserError(
             f"{where}: the sequence has version {version}; this lfpipe reads version {VERSION}",
-            remedy,
+            "read it with the lfpipe that recorded it (versions in its manifest)",
         )
     for name in {"source", "created", "made"} & fields.values.keys():
         fields.text(name)

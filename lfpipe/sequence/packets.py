@@ -65,7 +65,6 @@ _ENCODING = {  # codec -> parameters of OpenCV
     "jpeg": [cv2.IMWRITE_JPEG_QUALITY, 85],
     "png": [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, 3],  # the fastest
 }
-FORMATS = {"jpeg": "JPEG", "png": "PNG"}  # codec -> name of the picture's format
 BOUNDS = {  # field of a line with a number -> (lowest, highest)
     "seq": (0, MAX_FRAMES),
     "source_seq": (0, 1 << 62),
@@ -119,11 +118,6 @@ class Packets:
     def __iter__(self) -> Iterator[Packet]:
         return map(self.__getitem__, range(len(self)))
 
-    def largest(self) -> Packet:
-        """The first of the packets with the most bytes."""
-        sizes = self._numbers["bytes"]
-        return self[sizes.index(max(sizes))]
-
     @property
     def codecs(self) -> set[str]:
         """The codecs that occur."""
@@ -148,9 +142,8 @@ def parse_line(line: bytes, where: str) -> Packet:
     return Packet(codec=codec, **numbers)
 
 
-def read_index(folder: Path, complete: bool, most: int = MAX_FRAMES) -> Packets:
-    """The packets in folder, in order, `most` at most. complete: the recording ended properly, so
-    all its frames must exist.
+def read_index(folder: Path, most: int = MAX_FRAMES) -> Packets:
+    """The whole packets in folder, in order, `most` at most.
 
     Raises UserError with the first frame that is missing, damaged or out of order.
     """
@@ -162,42 +155,25 @@ def read_index(folder: Path, complete: bool, most: int = MAX_FRAMES) -> Packets:
         with open_regular(folder / PACKETS) as file:
             size = os.fstat(file.fileno()).st_size
         for seq, (number, line) in enumerate(lines(path, LINE_BYTES, COPY)):
-            if not line.endswith(b"\n"):  # an unfinished line: not yet a frame
-                if complete:
-                    raise UserError(f"{path}: its last line is cut off", COPY)
+            if seq == most or not line.endswith(b"\n"):  # an unfinished line: not yet a frame
                 break
             packet = parse_line(line, f"{path}:{number}")
-            if packet.seq != seq:
+            if (packet.seq, packet.offset) != (seq, end):
                 raise UserError(
-                    f"{folder}: frame {seq} is missing; frame {packet.seq} is in its place", COPY
-                )
-            if packet.offset != end:
-                raise UserError(
-                    f"{folder}: frame {seq} does not begin where the previous frame ends", COPY
+                    f"{folder}: in place of frame {seq} at byte {end}, there is frame {packet.seq}"
+                    f" at byte {packet.offset}",
+                    COPY,
                 )
             if packet.t_sensor_ns <= last_ns:
-                back = (
-                    f"its time stamp {packet.t_sensor_ns} ns is not after {last_ns} ns of the"
-                    " previous frame"
-                )
                 raise UserError(
-                    f"{folder}: frame {seq}: {back}",
+                    f"{folder}: frame {seq}: its time stamp {packet.t_sensor_ns} ns is not after"
+                    f" {last_ns} ns of the previous frame",
                     "record it again: time stamps that go back cannot be replayed",
                 )
             end = packet.offset + packet.bytes
             last_ns = packet.t_sensor_ns
             if end > size:
-                if complete:
-                    raise UserError(
-                        f"{folder / PACKETS} ends after {size} bytes, within frame {seq} ({end})",
-                        COPY,
-                    )
                 break
-            if seq == most:
-                raise UserError(
-                    f"{path}: more than {most} frames",
-                    COPY if complete else "use a shorter recording",
-                )
             packets.append(packet)
     except OSError as error:
         raise UserError(f"{error.filename}: {reason(error)}", COPY) from None
@@ -248,16 +224,17 @@ def decoded(
     progressive = codec == "jpeg" and _PROGRESSIVE in data
     px_bytes = _PROGRESSIVE_BYTES if progressive else _PICTURE_BYTES
     needs = len(data) + px_bytes * pixels
-    header = header_of(data) if codec in FORMATS else None
+    small = len(data) <= 3 * pixels + HEADER_BYTES
+    header = header_of(data) if codec in _ENCODING and small else None
     if codec == "jpeg" and data.count(_SCAN) > MAX_SCANS:
         wrong = f"a {codec} picture of more than {MAX_SCANS} scans"
-    if codec in FORMATS and needs > DECODING_BYTES:
+    if codec in _ENCODING and needs > DECODING_BYTES:
         limit = f"at most {DECODING_BYTES / 1e6:.0f} MB are used"
         wrong = f"decoding it needs {needs / 1e6:.0f} MB; {limit}"
     if (
         not wrong
         and header is not None
-        and header.format == FORMATS[codec]
+        and header.format == codec.upper()
         and header.width_px * header.height_px == pixels
         and (picture := picture_of(np.frombuffer(data, np.uint8))) is not None
         and picture.shape == shape
@@ -272,7 +249,7 @@ class PacketWriter:
 
     def __init__(self, folder: Path) -> None:
         """Raises OSError if the files cannot be written."""
-        packets = read_index(folder, complete=False) if exists(folder / INDEX) else Packets()
+        packets = read_index(folder) if exists(folder / INDEX) else Packets()
         self.count = len(packets)
         self._ends = [
             sum(packet.bytes for packet in packets),

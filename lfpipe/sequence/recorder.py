@@ -111,10 +111,9 @@ class Recording:
                 codec, data = "jpeg", encoded(data, "jpeg")
             stamps = frame.source_seq, frame.epoch, frame.t_sensor_ns, frame.t_read_ns
             self.writer.append(data, codec, *stamps)
-        except OSError as error:
-            return str(error.strerror or error)
         except Exception as error:  # the session continues without the recording
-            return f"{type(error).__name__}: {error}".rstrip(": ")
+            text = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
+            return str(text).rstrip(": ")
         return ""
 
 

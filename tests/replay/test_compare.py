@@ -82,8 +82,7 @@ def redrawn(folder: Path, draw: Callable[[Picture], Picture]) -> None:
     """Every picture of a run drawn otherwise: kept ones, and all digests."""
     kept = folder / PICTURES
     old = [
-        (p, (kept / PACKETS).read_bytes()[p.offset : p.offset + p.bytes])
-        for p in read_index(kept, complete=True)
+        (p, (kept / PACKETS).read_bytes()[p.offset : p.offset + p.bytes]) for p in read_index(kept)
     ]
     shutil.rmtree(kept)
     kept.mkdir()
@@ -257,7 +256,7 @@ def test_kept_pictures_of_two_runs_have_frames_in_common(
             eyes = TrackedEyes(rendered.record(), stamp, seq)
             keeping.handed_over(rendered.presentation(eyes=eyes, picture=picture))
         keeping.close()
-        packets = read_index(folder / PICTURES, complete=True)
+        packets = read_index(folder / PICTURES)
         assert sum(packet.bytes for packet in packets) <= 20_000 and (folder / "last.png").exists()
         kept.append({packet.source_seq for packet in packets})
     assert kept[1] < kept[0] and 0 in kept[1] and len(kept[1]) >= 4

@@ -883,7 +883,7 @@ SETS: dict[str, list[PeopleSet]] = {
         refuses(
             "another grid than the names",
             BY_TWO_NUMBERS,
-            "the names give a grid of 3x4,",
+            "12 views do not fill 4x4",
             again(),
             grid="4x4",
         ),

@@ -9,7 +9,7 @@ import pytest
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene import layouts
-from lfpipe.scene.demo_scenes import OFFSET_PX
+from lfpipe.scene.layouts.demo import OFFSET_PX
 from lfpipe.scene.pack import DEMO_VERSION, DEMOS, demo_scene
 
 
@@ -46,6 +46,6 @@ def test_every_view_follows_from_the_middle_one_by_its_disparity(tmp_path: Path,
 
 def test_a_cache_that_cannot_be_written_is_the_users_to_fix(tmp_path: Path) -> None:
     (tmp_path / f"demo-{DEMO_VERSION}").write_text("in the way")
-    with pytest.raises(UserError, match="demo scene") as refused:
+    with pytest.raises(UserError, match="cache directory") as refused:
         demo_scene(tmp_path)
     assert "scene.cache_dir" in refused.value.remedy

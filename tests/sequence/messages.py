@@ -52,7 +52,7 @@ RECORD = "`lfpipe record OUT` or `lfpipe sequence import`"
 MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
     "index cut off": (
         file(INDEX, lambda data: data[:-5]),
-        f"/here/seq/frames.jsonl: its last line is cut off … {COPY}",
+        f"/here/seq: 5 frames, but 6 were recorded … {COPY}",
     ),
     "index shorter": (
         file(INDEX, lambda data: b"".join(data.splitlines(keepends=True)[:-1])),
@@ -60,7 +60,7 @@ MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "a line is missing": (
         file(INDEX, lambda data: b"".join(data.splitlines(keepends=True)[1:])),
-        f"/here/seq: frame 0 is missing; … {COPY}",
+        f"/here/seq: in place of frame 0 at byte 0, there is frame 1 at byte … {COPY}",
     ),
     "a stamp goes back": (
         line(t_sensor_ns=-(10**9)),
@@ -71,7 +71,7 @@ MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "a gap": (
         line(offset=1),
-        f"/here/seq: frame 2 does not begin where the previous frame ends … {COPY}",
+        f"/here/seq: in place of frame 2 at byte … there is frame 2 at byte 1 … {COPY}",
     ),
     "codec": (
         line(codec="gif"),

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.render.synthesis.viewpoint import Position
-from lfpipe.scene import demo_textures as textures
-from lfpipe.scene.demo_drawing import Ball, Picture, Quad, Solid, draw_view
-from lfpipe.scene.demo_scenes import solids_of
-from lfpipe.scene.demo_textures import TEXELS
+from lfpipe.scene import demo_drawing as drawing
+from lfpipe.scene.demo_drawing import TEXELS, Ball, Picture, Quad, Solid, draw_view
 from lfpipe.scene.disparity import halved, quantised, scale_for
+from lfpipe.scene.layouts.demo import solids_of
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import DEMO, DEMO_SIZE_PX
 from lfpipe.scene.source import Geometry
@@ -100,14 +99,14 @@ def _upright(texture: NDArray[np.generic], box: Sequence[float], d: float) -> Qu
     """A picture that faces the viewer. box: left, top, right, bottom."""
     left, top, right, bottom = box
     corners = [(left, top, d), (right, top, d), (right, bottom, d), (left, bottom, d)]
-    return Quad(textures.opaque(texture), np.array(corners))
+    return Quad(drawing.opaque(texture), np.array(corners))
 
 
 def _wall(rng: np.random.Generator, margin: float, d: float, grain: float, contrast: float) -> Quad:
     """A wall behind everything. grain: px of its largest features."""
     side = round((SIDE_PX + 2 * margin) * TEXELS)
-    pattern = textures.noise(rng, side, side, (grain * TEXELS, grain * TEXELS))
-    colour = textures.mixed(0.5 + contrast * pattern, (40, 62, 92), (206, 190, 160))
+    pattern = drawing.noise(rng, side, side, (grain * TEXELS, grain * TEXELS))
+    colour = drawing.mixed(0.5 + contrast * pattern, (40, 62, 92), (206, 190, 160))
     return _upright(colour, (-margin, -margin, SIDE_PX + margin, SIDE_PX + margin), d)
 
 
@@ -115,12 +114,12 @@ def _wide() -> tuple[Solid, ...]:
     """Thin posts and leaves in front of a wall, with up to 40 px between views."""
     rng = np.random.default_rng(4)
     solids: list[Solid] = [_wall(rng, 40.0, -12.0, 24.0, 0.25)]
-    card = textures.marble(rng, 180, 160)
+    card = drawing.marble(rng, 180, 160)
     solids.append(_upright(card, (96, 70, 176, 160), 2.0))
     for k, d in enumerate(np.linspace(4.0, 28.0, 7).tolist()):
         x = 20.0 + 31.0 * (k * 3 % 7)
-        bands = textures.noise(rng, 400, 10, (9, 40))
-        post = textures.mixed(0.5 + 0.4 * bands, (70 + 20 * k, 40, 30), (230, 200 - 15 * k, 150))
+        bands = drawing.noise(rng, 400, 10, (9, 40))
+        post = drawing.mixed(0.5 + 0.4 * bands, (70 + 20 * k, 40, 30), (230, 200 - 15 * k, 150))
         solids.append(_upright(post, (x, -40, x + 4.0, SIDE_PX + 40), d))
     return tuple(solids)
 

@@ -139,11 +139,11 @@ def install(
     """Write a systemd unit that shows SCENE in full screen when your desktop starts, and restarts
     it after a failure.
     """
-    from lfpipe.scene.pack import absolute_path
+    from lfpipe.scene.pack import cache_dir, named_scene
 
     code = kiosk_code(code_file)
-    settings = configuration.load().scene
-    scenes = tuple(absolute_path(path, settings) for path in scenes)
+    cache = cache_dir(configuration.load().scene)
+    scenes = tuple(named_scene(path, cache).resolve() for path in scenes)
     if missing := [str(path) for path in scenes if not exists(path)]:
         raise UserError(
             f"{', '.join(missing)}: not found", "name light fields, or a folder of them"

@@ -26,7 +26,7 @@ from lfpipe.scene.layouts._likeness import (
     likeliest,
     plane_of,
 )
-from lfpipe.scene.layouts._names import MAX_SIDE, NumberedNames, is_map, placed, read_names, spaced
+from lfpipe.scene.layouts._names import MAX_SIDE, NumberedNames, placed, read_names, spaced
 from lfpipe.scene.layouts._stated import time_of_photograph
 from lfpipe.scene.optical_flow import LOOK_PX
 from lfpipe.scene.source import MAX_FILES, VIDEOS, GridTransform, Listing, SceneSource, ViewIndex
@@ -65,16 +65,13 @@ def require_view(height: int, width: int, sample_bytes: int, what: str) -> None:
     """Raises UserError if views are too large or too small. what: source of the size, for the
     message.
     """
-    if min(height, width) < MIN_VIEW_PX:
+    large = height * width * 3 * sample_bytes > MAX_DECODING_BYTES
+    if large or min(height, width) < MIN_VIEW_PX:
         raise UserError(
-            f"{what}: views have {width}x{height} px; a side has at least {MIN_VIEW_PX}",
-            "save the array with the axes (rows, columns, height, width, planes)",
-        )
-    if height * width * 3 * sample_bytes > MAX_DECODING_BYTES:
-        raise UserError(
-            f"{what}: views have {width}x{height} px; at most {MAX_DECODING_BYTES / 1e6:.0f} MB"
-            " each are expected",
-            "export it with smaller views",
+            f"{what}: views have {width}x{height} px; a side has at least {MIN_VIEW_PX}, and a view"
+            f" at most {MAX_DECODING_BYTES / 1e6:.0f} MB",
+            "save the array with the axes (rows, columns, height, width, planes), or export it with"
+            " smaller views",
         )
 
 
@@ -167,8 +164,8 @@ def _headers(listing: Listing, names: Collection[str]) -> tuple[dict[str, Header
 
 
 def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: bool) -> SceneSource:
-    """The scene of a folder with one picture per view. runs: the names contain one running number,
-    not row and column.
+    """The scene of a folder with one picture per view. runs: its names count, whatever rows and
+    columns they contain, as for a grid that is not theirs.
 
     Raises UserError.
     """
@@ -184,25 +181,16 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
         usual = tuple(name for name in listing.pictures() if name not in odd)
         numbered = read_names(usual) or numbered
     if not runs and numbered.runs:
-        what = f"{listing.path}: the names contain one running number, not row and column"
-        raise UserError(what, "use --set scene.layout=numbered")
+        raise UserError(
+            f"{listing.path}: the names contain one running number, not row and column",
+            "use --set scene.layout=numbered",
+        )
     grid = parse_grid(scene.grid)
-    if runs:
+    if runs or grid not in (None, (numbered.rows, numbered.cols)):
         run, views, note = _laid_out(listing, numbered, grid)
         doubt = run.doubt
         numbered = attrs.evolve(numbered, views=views, rows=run.rows, cols=run.cols)
         return _views_source(layout, listing, numbered, headers, note, certain=False, doubt=doubt)
-    if grid not in (None, (numbered.rows, numbered.cols)):
-        wrong = (
-            f"the names give a grid of {numbered.rows}x{numbered.cols}, but scene.grid is"
-            f" {scene.grid}"
-        )
-        raise UserError(
-            f"{listing.path}: {wrong}",
-            "take the names in order with --set scene.layout=numbered"
-            if grid is not None and grid[0] * grid[1] == len(numbered.views)
-            else "leave out scene.grid",
-        )
     return _views_source(layout, listing, numbered, headers, certain=False)
 
 
@@ -324,8 +312,6 @@ def _views_source(
     }
     if unused := [odd.get(name, name) for name in names if name not in used]:
         notes.append(f"{len(used)} of {len(names)} files used; the others are {some(unused)}")
-    if not doubt and 2 * len(used) < sum(not is_map(name) for name in names):
-        doubt = f"only {len(used)} of {len(names)} pictures have names of one kind"
     return files_source(
         layout,
         listing,

@@ -2,7 +2,7 @@
 set.
 
 Axes are (rows, cols, height, width, planes), in NumPy files perhaps with frames before them; planes
-are 1 (grey) or 3 (red first). Values are uint8, uint16, or float 0 .. 1 or 0 .. 255. An .npz
+are 1 (grey) or 3 (red first). Values are uint8, uint16, or float up to 1, 255 or 65535. An .npz
 contains `views`, optionally `disparity` (rows, cols, height, width), px per view, nearer is larger,
 and `positions` (rows, cols, 2), the camera positions, (down, right) in any unit. MATLAB files
 contain LF: LFToolbox's NAME__Decoded.mat and BasicLFSR's. v7.3 files are HDF5, with all axes in
@@ -64,17 +64,19 @@ def without_dark_sides(source: SceneSource) -> SceneSource:
 
     all_rows, all_cols = source.rows, source.cols
     middle = light(all_rows // 2, all_cols // 2)
-    top = left = 0
-    while (
-        all_rows - 2 * top > 2
-        and min(light(r, all_cols // 2) for r in (top, all_rows - 1 - top)) < _DARK_SIDE * middle
-    ):
-        top += 1
-    while (
-        all_cols - 2 * left > 2
-        and min(light(all_rows // 2, c) for c in (left, all_cols - 1 - left)) < _DARK_SIDE * middle
-    ):
-        left += 1
+    least = _DARK_SIDE * middle
+    top = next(
+        k
+        for k in range(all_rows)
+        if all_rows - 2 * k <= 2
+        or min(light(row, all_cols // 2) for row in (k, all_rows - 1 - k)) >= least
+    )
+    left = next(
+        k
+        for k in range(all_cols)
+        if all_cols - 2 * k <= 2
+        or min(light(all_rows // 2, col) for col in (k, all_cols - 1 - k)) >= least
+    )
     rows, cols = all_rows - 2 * top, all_cols - 2 * left
     missing: set[ViewIndex] = set()
     for row, col in np.ndindex(rows, cols):
@@ -180,12 +182,8 @@ def _source(
             "scale them to 0 .. 1: (views - low) / (high - low)",
         )
     # few highlights of a rendering are above 1 or 255, too
-    if kind.kind == "f" and np.mean(middle > 1.5 * 255) > 0.1:
-        raise UserError(
-            f"{path}: values up to {np.max(middle):.6g}",
-            "scale them to 0 .. 1: views / 65535 for 16 bits",
-        )
-    full = 255.0 if kind.kind == "f" and np.mean(middle > 1.5) > 0.1 else 1.0
+    fits = (full for full in (1.0, 255.0) if np.mean(middle > 1.5 * full) <= 0.1)
+    full = next(fits, 65535.0)
 
     def read(frame: int, row: int, col: int) -> NDArray[Any]:
         pixels = raw(frame, row, col)

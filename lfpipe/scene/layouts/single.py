@@ -180,26 +180,17 @@ def _detect_mosaics(listing: Listing) -> int | None:
 
 
 def _mosaics(layout: str, listing: Listing) -> tuple[list[Path], tuple[str, ...]]:
-    """The pictures of tiles, and a note if they are not frames of one video.
-
-    Raises UserError if their sizes differ.
-    """
+    """The pictures of tiles; the first alone, with a note, if they are not frames of one video."""
     if layout != "mosaic-video":
         return [require_picture(listing)], ()
     paths = [listing.file(name) for name in listing.pictures()] or [require_picture(listing)]
     sizes = [open_header(path).size for path in paths]
-    if len(paths) > 1 and (
-        sizes[0] != sizes[1] or not are_frames(*(read_picture(path)[0] for path in paths[:2]))
+    if len(paths) == 1 or (
+        len({*sizes}) == 1 and are_frames(*(read_picture(path)[0] for path in paths[:2]))
     ):
-        note = f"{len(paths)} unrelated pictures: using {paths[0].name}; to see another one, give"
-        return paths[:1], (f"{note} its path",)
-    for path, size in zip(paths, sizes, strict=True):
-        if size != sizes[0]:
-            raise UserError(
-                f"{path}: has {size}, but {paths[0].name} has {sizes[0]}",
-                "export it again with frames of one size",
-            )
-    return paths, ()
+        return paths, ()
+    note = f"{len(paths)} unrelated pictures: using {paths[0].name}; to see another one, give"
+    return paths[:1], (f"{note} its path",)
 
 
 def _describe_tiles(layout: str, listing: Listing, scene: config.Scene) -> SceneSource:
