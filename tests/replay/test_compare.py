@@ -273,19 +273,3 @@ def test_an_update_that_fails_keeps_the_reference(first: Path, tmp_path: Path) -
     assert sorted(path.name for path in reference.iterdir()) == ["pictures", REPORT, TRACE]
     assert json.loads((reference / REPORT).read_text())["pace"] == "step"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["now", "ref"]
-
-
-@pytest.mark.parametrize("channel", [0, 1, 2])
-def test_pictures_that_differ_in_one_colour_have_other_digests(
-    tmp_path: Path, channel: int
-) -> None:
-    writer = ReplayWriter(tmp_path, str(tmp_path), False, pytest.fail)
-    digests = []
-    for value in (0, 1):
-        picture = np.zeros((8, 8, 3), np.uint8)
-        picture[3, 4, channel] = value
-        eyes = TrackedEyes(rendered.record(), Stamp(value + 1, value, 0, 0, 0, 0, 0), 0)
-        shown = rendered.presentation(eyes=eyes, picture=picture)
-        writer.handed_over(shown)
-        digests.append(shown.more["picture"])
-    assert digests[0] != digests[1]

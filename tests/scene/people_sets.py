@@ -711,6 +711,25 @@ SETS: dict[str, list[PeopleSet]] = {
         refuses("a folder with one array", together(array(np.array(SMALL))), "PATH/scene.npy"),
     ],
     "names": [
+        *(
+            opens(name, together(make, grid(TWELVE[:0], README_txt="x", __MACOSX_db="x")), opened)
+            for name, make, opened in (
+                ("rows in folders", grid(TWELVE, "row_{r:02d}/img_{c:02d}.png"), "rows-cols 3x4"),
+                ("rows by bare numbers", grid(TWELVE, "{r}/{c}.png"), "rows-cols 3x4"),
+                ("one folder down", below("views", grid(TWELVE)), "rows-cols 3x4"),
+                ("line breaks", grid(TWELVE, "v\n{r}\n{c}.png"), "rows-cols 3x4"),
+                (
+                    "running",
+                    numbered(TWELVE.reshape(-1, *TWELVE.shape[2:]), "toys{:03d}.png"),
+                    "numbered 3x4",
+                ),
+                (
+                    "copies",
+                    numbered(TWELVE.reshape(-1, *TWELVE.shape[2:]), "a ({}).png"),
+                    "numbered 3x4",
+                ),
+            )
+        ),
         opens(
             "an odd picture among the views",
             together(

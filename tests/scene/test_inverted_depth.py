@@ -14,7 +14,6 @@ from lfpipe.config.tree import Decision, Method
 from lfpipe.render.synthesis.compositor import Compositor
 from lfpipe.scene import lightfield
 from lfpipe.scene.lightfield import LightField
-from lfpipe.scene.orientation import hides
 from lfpipe.scene.packer import facts
 from lfpipe.scene.packing import pack_scene
 from tests.scene import made
@@ -112,22 +111,3 @@ def test_the_choice_is_remembered_for_the_scene_and_the_setting_wins(
     for content in (b"perhaps", b"\xff\xfe", b"x" * 100):
         next(lightfield.folder().iterdir()).write_bytes(content)
         assert turned() == plain
-
-
-@pytest.mark.parametrize(
-    ("right", "wrong", "sign"),
-    [
-        (67, 0, 1),
-        (16, 0, 1),
-        (0, 16, -1),
-        (15, 0, 0),
-        (86, 21, 0),
-        (22, 116, 0),
-        (0, 0, 0),
-        (1, 61, -1),
-    ],
-)
-def test_only_an_unmistakable_occlusion_decides_near_and_far(
-    right: int, wrong: int, sign: int
-) -> None:
-    assert hides(right, wrong) == sign

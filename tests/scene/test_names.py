@@ -97,39 +97,6 @@ def test_row_and_column_are_found_in_any_scheme(
     assert placed == names or placed == {name: index[::-1] for name, index in names.items()}
 
 
-FOLDERS = {  # by row and column of 3x4 views
-    "running": [f"lowtoys{1 + 4 * r + c:03d}.png" for r, c in PLACES],
-    "rows": [f"row_{r + 1:02d}/img_{c + 1:02d}.png" for r, c in PLACES],
-    "rows by bare numbers": [f"{r}/{c}.png" for r, c in PLACES],
-    "rows of a camera": [f"Row {1 + r}/DSC{4711 + 4 * r + c:05d}.JPG" for r, c in PLACES],
-    "one folder down": [f"views/v_{r}_{c}.png" for r, c in PLACES],
-    "suffixes": [f"v_{r}_{c}." + ("jpg", "JPG", "jpeg", "Jpg")[c] for r, c in PLACES],
-    "AVIF and GIF": [f"v_{r}_{c}." + ("avif", "gif")[c % 2] for r, c in PLACES],
-    "line breaks": [f"v\n{r}\n{c}.png" for r, c in PLACES],
-    "copies": [f"a ({k}).png" for k in range(1, 13)],
-    "times of a phone": [
-        f"PXL_20260704_15{k // 6 + 30}{9 * (k % 6):02d}{371 * k % 1000:03d}.jpg" for k in range(12)
-    ],
-}
-
-
-@pytest.mark.parametrize("scheme", FOLDERS)
-def test_names_and_folders_of_people(tmp_path: Path, scheme: str) -> None:
-    for name, (r, c) in zip(FOLDERS[scheme], PLACES, strict=True):
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        Image.fromarray(GRID[r, c]).save(tmp_path / name, quality=95)
-    for name in ("README.txt", "Thumbs.db", ".DS_Store", "__MACOSX/._a.jpg"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_bytes(b"x")
-    source = layouts.describe(tmp_path, AUTO)
-    grid = np.array(
-        [[source.read(0, r, c) for c in range(source.cols)] for r in range(source.rows)]
-    )
-    assert grid.shape == GRID.shape and source.path == tmp_path
-    assert np.abs(grid.astype(int) - GRID).mean() < 8
-    assert not any("files used" in note or "\n" in note for note in source.notes)
-
-
 @pytest.mark.parametrize(
     ("rows", "cols", "near_px", "order"),
     [(*shape, 2.0, order) for shape in ((16, 16), (2, 8), (1, 20)) for order in ("rows", "cols")]

@@ -253,14 +253,6 @@ def test_every_refusal_is_quick_and_small_and_names_file_or_frame(
     assert peak_mb <= hostile_files.PEAK_MB
 
 
-def test_a_table_has_no_more_rows_than_a_sequence_may_have_frames(
-    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert read_truth(whole) is not None
-    monkeypatch.setattr("lfpipe.sequence.packets.MAX_FRAMES", 5)
-    assert "more than 5 rows" in str(refusal(read_truth, whole))
-
-
 def test_all_broken_frames_are_named_and_those_before_can_be_cut_out(
     whole: Path, tmp_path: Path
 ) -> None:
