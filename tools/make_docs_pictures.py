@@ -69,7 +69,7 @@ LAG_S = {"lfpipe": 0.039, "paper": 0.123}  # docs/figures.md
 STEP_MS, PANEL_PX = 100, 300
 # of the live scene: frames, seconds from its first to its last moment, columns of the demo's grid
 # that its two cameras stand at, and columns of both eyes, from the first camera to the second
-LIVE_FRAMES, LIVE_TRACK, LIVE_COLS, LIVE_QUALITY, LABEL_PX = 30, 2.0, (-1.0, 1.0), 50, 22
+LIVE_FRAMES, LIVE_TRACK, LIVE_COLS, LIVE_QUALITY, LABEL_PX = 20, 2.0, (-1.0, 1.0), 40, 22
 HEADS = {"left": (-0.5, 0.1), "right": (0.9, 1.5)}
 FILTERS = {"red": (0, 0, 1), "cyan": (1, 1, 0)}  # channels that pass, BGR
 INK = (87, 96, 106)

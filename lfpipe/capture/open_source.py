@@ -117,8 +117,10 @@ class ReconnectingCamera:
             t_ns = time.monotonic_ns()
             called_ns = self._called_ns
             if called_ns and t_ns - called_ns > HUNG_S * 1e9:
-                why = f"{self.info.name}: its driver has not answered for {HUNG_S:g} s"
-                raise UserError(why, "unplug the camera and plug it in again") from None
+                raise UserError(
+                    f"{self.info.name}: its driver has not answered for {HUNG_S:g} s",
+                    "unplug the camera and plug it in again",
+                ) from None
             # a session that works less requests fewer frames
             silent_s = (t_ns - max(self._fresh_ns, self._requested_ns)) / 1e9
             # one whose driver answers says so itself, before
@@ -297,8 +299,12 @@ def check_source(text: str, camera: config.Camera) -> CameraViewer | RecordedEye
     if info.eyes:
         return RecordedEyes(source=definite, rate_hz=info.rate_hz, folder=info.eyes)
     jpeg_px = info.size_px if info.jpeg else None
-    name = spec.name_in_measurements(definite)
-    return CameraViewer(source=definite, rate_hz=info.rate_hz, jpeg_px=jpeg_px, name=name)
+    return CameraViewer(
+        source=definite,
+        rate_hz=info.rate_hz,
+        jpeg_px=jpeg_px,
+        name=spec.name_in_measurements(definite),
+    )
 
 
 JITTER_NS = 2_000_000  # of stamps: a frame that is nearer by less is no better
@@ -394,13 +400,11 @@ class RingSource:
         while now_ns() < until_ns:
             if (peeked := self._reader.peek()) is not None:
                 stamp, record = peeked
-                tiles = out.reshape(self._grid)
-                np.copyto(tiles, record["views"].transpose(0, 2, 1, 3, 4))
+                np.copyto(out.reshape(self._grid), record["views"].transpose(0, 2, 1, 3, 4))
                 if self._reader.still_valid(stamp):
                     self._next_seq += 1
-                    t_read_ns = now_ns()
                     return Frame(
-                        self._next_seq - 1, stamp.t_sensor_ns, t_read_ns, stamp=StampKind.READ
+                        self._next_seq - 1, stamp.t_sensor_ns, now_ns(), stamp=StampKind.READ
                     )
             time.sleep(POLL_S)
         if not has_writer(self._name):
@@ -438,21 +442,17 @@ def check_live(text: str, config: Config) -> LiveSource:
         drawn=isinstance(kind, RingKind),
     )
     down = rows * cols // across
-    if frame_px[0] % across or frame_px[1] % down:
+    small = min(live.width_px, live.height_px) < 2 * SMALLEST_PX  # disparity has half their size
+    if small or frame_px[0] % across or frame_px[1] % down:
         raise UserError(
-            f"{text}: a frame of {frame_px[0]}x{frame_px[1]} px is not divided by {down}x{across}"
-            " views",
-            "give the grid of the frame with grid=RxC, or its size with size=WxH",
-        )
-    if min(live.width_px, live.height_px) < 2 * SMALLEST_PX:  # disparity has half their size
-        raise UserError(
-            f"{text}: views of {live.width_px}x{live.height_px} px are too small",
-            f"use views of at least {2 * SMALLEST_PX} px a side",
+            f"{text}: a frame of {frame_px[0]}x{frame_px[1]} px is not {down}x{across} views of at"
+            f" least {2 * SMALLEST_PX} px a side",
+            "use larger views, or give the grid of the frame with grid=RxC, or its size with"
+            " size=WxH",
         )
     if not two_cameras(live):
         return live
-    placement = measured_placement(camera_name(source), live.width_px)
-    return attrs.evolve(live, placement=placement)
+    return attrs.evolve(live, placement=measured_placement(camera_name(source), live.width_px))
 
 
 def check_devices(text: str, live: LiveSource, viewer: Viewer) -> None:

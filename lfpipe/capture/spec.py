@@ -260,8 +260,10 @@ class RowKind(SourceKind):
         return f"row:{','.join(self.names)}"
 
     def name_in_measurements(self, text: str) -> str:
-        cameras = zip(self.cameras, self.names, strict=True)
-        return ",".join(kind.name_in_measurements(name) for kind, name in cameras)
+        return ",".join(
+            kind.name_in_measurements(name)
+            for kind, name in zip(self.cameras, self.names, strict=True)
+        )
 
     def open(self, camera: config.Camera) -> "FrameSource":
         from lfpipe.capture.open_source import RowSource

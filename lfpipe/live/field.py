@@ -339,8 +339,7 @@ class Estimator:
 def _from_right(picture: NDArray[Any], disparity: FloatMap) -> NDArray[Any]:
     """What the neighbour to the right shows of each point."""
     xx, yy = grid_xy(*disparity.shape)
-    at = xx - disparity
-    return cv2.remap(picture, at, yy, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return cv2.remap(picture, xx - disparity, yy, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
 def _misfit(a: Grey, b: Grey, disparity: FloatMap) -> NDArray[np.uint16]:

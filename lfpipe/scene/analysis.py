@@ -279,8 +279,7 @@ def best_method(scores: Mapping[str, float], reach_px: float, has_disparity: boo
     """
     if scores:
         enough_db = max(scores.values()) - WORTH_DB
-        cheapest_first = reversed(METHODS)
-        return next(name for name in cheapest_first if scores.get(name, -np.inf) >= enough_db)
+        return next(name for name in reversed(METHODS) if scores.get(name, -np.inf) >= enough_db)
     if has_disparity and reach_px >= WARPED_PX:
         return "warp2"
     return "blend" if reach_px <= BLEND_PX else "nearest"

@@ -83,8 +83,8 @@ class DamagedPackError(UserError):
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
     """Writes the manifest atomically. Raises OSError."""
-    text = json.dumps(attrs.asdict(manifest), indent=1, allow_nan=False)
-    write_file(folder / MANIFEST, text.encode(), 0o666)
+    data = json.dumps(attrs.asdict(manifest), indent=1, allow_nan=False).encode()
+    write_file(folder / MANIFEST, data, 0o666)
 
 
 @contextlib.contextmanager

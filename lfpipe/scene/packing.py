@@ -274,13 +274,15 @@ def _write_views(
     views_ready.
     """
 
-    def away(place: FrameIndex) -> float:
-        return (place[1] - (scene.rows - 1) / 2) ** 2 + (place[2] - (scene.cols - 1) / 2) ** 2
-
     def report(done: int) -> None:
         progress("views", done, len(views))
 
-    views = sorted(scene.views, key=away)
+    views = sorted(
+        scene.views,
+        key=lambda place: (
+            (place[1] - (scene.rows - 1) / 2) ** 2 + (place[2] - (scene.cols - 1) / 2) ** 2
+        ),
+    )
     written = np.zeros_like(scene.present)
     # the middle and its neighbours: sessions start in the middle of the grid
     first = min(len(views), 5) if scene.source.frames == 1 else len(views)

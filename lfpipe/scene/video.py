@@ -108,8 +108,9 @@ class Video:
         try:
             start = self._file.read(16)
             if not is_video(start) and not (recording and start.startswith(RECORDED_KINDS)):
-                kinds = "MP4, QuickTime, Matroska, WebM or AVI"
-                raise UserError(f"{path}: not a readable video ({kinds})", _REMEDY)
+                raise UserError(
+                    f"{path}: not a readable video (MP4, QuickTime, Matroska, WebM or AVI)", _REMEDY
+                )
             if not self._opens():
                 self._by_av = True
                 if not find_spec("av") or not self._opens():
@@ -159,8 +160,9 @@ class Video:
             except Exception:  # PyAV raises many kinds for damage, or is not there
                 if is_spatial(self._path):
                     raise _second_layer(self._path) from None
-                what = f"{self._path}: its video stream {self._number + 1} cannot be read"
-                raise UserError(what, _REMEDY) from None
+                raise UserError(
+                    f"{self._path}: its video stream {self._number + 1} cannot be read", _REMEDY
+                ) from None
             return False
         # As a recording, one decoder thread: measured on 400x300 to 720x576, two take 20 to 40 %
         # more CPU and are no faster. Each holds frames of its own: large ones are decoded by one.

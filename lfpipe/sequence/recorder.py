@@ -109,8 +109,9 @@ class Recording:
         try:
             if not isinstance(data, bytes):
                 codec, data = "jpeg", encoded(data, "jpeg")
-            stamps = frame.source_seq, frame.epoch, frame.t_sensor_ns, frame.t_read_ns
-            self.writer.append(data, codec, *stamps)
+            self.writer.append(
+                data, codec, frame.source_seq, frame.epoch, frame.t_sensor_ns, frame.t_read_ns
+            )
         except Exception as error:  # the session continues without the recording
             text = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
             return str(text).rstrip(": ")
@@ -190,8 +191,9 @@ class Recorder:
         recording.counted = count
         if recording.failure and not recording.reported:
             recording.reported = True
-            text = f"recording {recording.folder}: {recording.failure}; frames stored: {count}"
-            self._give_up(text)
+            self._give_up(
+                f"recording {recording.folder}: {recording.failure}; frames stored: {count}"
+            )
             self._end()
         if ended:
             self._recording, self._is_ending = None, False

@@ -142,8 +142,8 @@ def test_live_scene_names_a_value_and_its_remedy() -> None:
         ((160, 120), "", "layout=side-by-side"),
         ((160, 120), "?layout=sideways", "layout=sideways"),
         ((160, 120), "?grid=3x", "grid=3x"),
-        ((160, 120), "?grid=7x7", "not divided"),
-        ((160, 120), "?grid=8x8", "too small"),
+        ((160, 120), "?grid=7x7", "is not 7x7 views"),
+        ((160, 120), "?grid=8x8", "is not 8x8 views of at least 48 px"),
     ],
 )
 def test_check_live_reads_the_layout_or_names_it(

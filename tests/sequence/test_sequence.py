@@ -3,7 +3,6 @@ names every damage.
 """
 
 import json
-import os
 import zlib
 from pathlib import Path
 
@@ -85,15 +84,6 @@ def test_whatever_is_cut_off_the_whole_frames_before_it_are_read_and_written_on(
     found = list(read_index(folder))
     assert found[:-1] == left and found[-1].source_seq == 99
     assert (folder / PACKETS).stat().st_size == found[-1].offset + 4
-
-
-def test_after_a_power_cut_frames_beyond_the_packets_are_left_out(tmp_path: Path) -> None:
-    writer = PacketWriter(tmp_path)
-    for seq in range(2):
-        writer.append(b"x" * 10, "raw", seq, 0, seq, seq)
-    writer.close()
-    os.truncate(tmp_path / PACKETS, 15)
-    assert len(read_index(tmp_path)) == 1
 
 
 def test_a_full_disk_leaves_the_frames_before_it(tmp_path: Path) -> None:

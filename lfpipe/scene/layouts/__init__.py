@@ -115,8 +115,11 @@ def _not_recognised(listing: Listing) -> UserError:
         remedy = f"give {listing.folder / single[0]}"
     elif listing.pictures():
         remedy = GRID_REMEDY
-    names = some(listing.names or listing.folders, 3)
-    return UserError(f"{listing.path}: no layout of a light field was recognised ({names})", remedy)
+    return UserError(
+        f"{listing.path}: no layout of a light field was recognised"
+        f" ({some(listing.names or listing.folders, 3)})",
+        remedy,
+    )
 
 
 def _unused(listing: Listing, source: SceneSource) -> list[str]:

@@ -171,11 +171,11 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
     """
     numbered = named_views(listing)
     if numbered is None:
-        what = (
+        raise UserError(
             f"{listing.path}: {len(listing.pictures())} pictures whose names do not differ in"
-            " numbers"
+            " numbers",
+            GRID_REMEDY,
         )
-        raise UserError(what, GRID_REMEDY)
     headers, odd = _headers(listing, numbered.views.values())
     if odd:
         usual = tuple(name for name in listing.pictures() if name not in odd)
@@ -206,10 +206,11 @@ def _laid_out(
         names = dict(enumerate(numbered.views[place] for place in sorted(numbered.views)))
 
     def filled(names: Mapping[int, str]) -> Running | None:
-        def read(position: int) -> NDArray[np.uint8]:
-            return small_grey(listing.file(names[position]), LOOK_PX)
-
-        return find_columns(read, [at in names for at in range(max(names) + 1)], grid)
+        return find_columns(
+            lambda position: small_grey(listing.file(names[position]), LOOK_PX),
+            [at in names for at in range(max(names) + 1)],
+            grid,
+        )
 
     run = filled(names)
     if run is None:
@@ -304,13 +305,11 @@ def _views_source(
         notes.append(f"{len(holes)} of {rows}x{cols} views missing, copied from others: {where}")
     used = set(views.values())
     names = listing.pictures()
-    sizes = {headers[name].size for name in used}
-    odd = {
-        name: f"{name} ({header.size})"
-        for name, header in headers.items()
-        if header.size not in sizes
-    }
-    if unused := [odd.get(name, name) for name in names if name not in used]:
+    if unused := [
+        f"{name} ({headers[name].size})" if name in headers else name
+        for name in names
+        if name not in used
+    ]:
         notes.append(f"{len(used)} of {len(names)} files used; the others are {some(unused)}")
     return files_source(
         layout,

@@ -306,8 +306,10 @@ def _hdf5(path: Path) -> Any:
 def _names(path: Path, file: Any) -> list[str]:
     """The names of a file's first objects; those that are not UTF-8 are bytes in h5py."""
     with damage(path, "the names of its arrays cannot be read"):
-        names = itertools.islice(file, 100)
-        return [plain(name if isinstance(name, str) else repr(name), 100) for name in names]
+        return [
+            plain(name if isinstance(name, str) else repr(name), 100)
+            for name in itertools.islice(file, 100)
+        ]
 
 
 def _hdf5_array(path: Path, file: Any, *keys: str) -> Any:
@@ -370,11 +372,16 @@ def _ordered_source(
             f"{path}: LF has {len(shape)} axes of sizes {shape}", f"save it with the axes {AXES}"
         )
     _require_size(array.dtype, shape[:4], f"{path}: LF")
-
-    def raw(frame: int, row: int, col: int) -> NDArray[Any]:
-        return np.asarray(array[..., col, row]).T if reverse else np.asarray(array[row, col])
-
-    return _source(layout, path, listing, shape[:4], array.dtype, raw)
+    return _source(
+        layout,
+        path,
+        listing,
+        shape[:4],
+        array.dtype,
+        lambda frame, row, col: (
+            np.asarray(array[..., col, row]).T if reverse else np.asarray(array[row, col])
+        ),
+    )
 
 
 def matlab_array(path: Path, *keys: str) -> tuple[Any, list[str], bool]:

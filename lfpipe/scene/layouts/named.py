@@ -254,8 +254,7 @@ def _describe_hci(listing: Listing, scene: config.Scene) -> SceneSource:
         index = int(match[1]) if match[1] else (rows // 2) * cols + cols // 2
         if index < rows * cols and divmod(index, cols) not in source.missing:
             truth[divmod(index, cols)] = partial(read_pfm, listing.file(name))
-    beside = (*(listing.file(name) for name in maps), *cfg)
-    return attrs.evolve(source, truth=truth, files=(*source.files, *beside))
+    return attrs.evolve(source, truth=truth, files=(*source.files, *map(listing.file, maps), *cfg))
 
 
 def _describe_stanford(listing: Listing, scene: config.Scene) -> SceneSource:

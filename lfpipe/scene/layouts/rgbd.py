@@ -323,18 +323,15 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     def disparity_at(row: int, col: int) -> NDArray[np.float32]:
         return warped_disparity(disparity, row - rows // 2, col - cols // 2)
 
-    def read(frame: int, row: int, col: int) -> NDArray[Any]:
-        return warped_view(
-            picture, disparity, disparity_at(row, col), row - rows // 2, col - cols // 2
-        )
-
     return SceneSource(
         layout=NAME,
         path=listing.path,
         files=photo.paths,
         rows=rows,
         cols=cols,
-        read=read,
+        read=lambda frame, row, col: warped_view(
+            picture, disparity, disparity_at(row, col), row - rows // 2, col - cols // 2
+        ),
         height_px=height,
         width_px=width,
         max_value=photo.full,

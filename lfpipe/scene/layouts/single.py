@@ -189,8 +189,10 @@ def _mosaics(layout: str, listing: Listing) -> tuple[list[Path], tuple[str, ...]
         len({*sizes}) == 1 and are_frames(*(read_picture(path)[0] for path in paths[:2]))
     ):
         return paths, ()
-    note = f"{len(paths)} unrelated pictures: using {paths[0].name}; to see another one, give"
-    return paths[:1], (f"{note} its path",)
+    return paths[:1], (
+        f"{len(paths)} unrelated pictures: using {paths[0].name}; to see another one, give its"
+        " path",
+    )
 
 
 def _describe_tiles(layout: str, listing: Listing, scene: config.Scene) -> SceneSource:
