@@ -51,8 +51,8 @@ def entries(group: str) -> dict[str, importlib.metadata.EntryPoint]:
     `lfpipe.extras`; the search of all installed packages takes milliseconds.
     """
     missing = () if find_spec("lfpipe.extras") else ("lfpipe.extras",)
-    found = importlib.metadata.entry_points(group=group)
-    return {entry.name: entry for entry in found if not entry.module.startswith(missing)}
+    registered = importlib.metadata.entry_points(group=group)
+    return {entry.name: entry for entry in registered if not entry.module.startswith(missing)}
 
 
 def plugins(group: str) -> tuple[str, ...]:
@@ -70,14 +70,14 @@ def blaming(parts: Sequence[Part]) -> Iterator[None]:
     except (UserError, KeyboardInterrupt, BrokenPipeError):
         raise
     except BaseException as error:
-        known = [entries(group)[name] for group, name in parts if name in plugins(group)]
-        if not known:
+        involved = [entries(group)[name] for group, name in parts if name in plugins(group)]
+        if not involved:
             raise
         logging.getLogger(__name__).info("a plug-in failed", exc_info=True)
-        names = [entry.dist.name if entry.dist else "its package" for entry in known]
+        names = [entry.dist.name if entry.dist else "its package" for entry in involved]
         texts = [
             f"{entry.name} of {name} {entry.dist.version if entry.dist else ''} ({entry.group})"
-            for entry, name in zip(known, names, strict=True)
+            for entry, name in zip(involved, names, strict=True)
         ]
         raise UserError(
             f"{', '.join(texts)}: {type(error).__name__}: {error}",

@@ -157,12 +157,12 @@ def _frames(case: Case, count: int) -> list[Frame]:
     frames = []
     for number in range(count):
         view = _exact(case, number + case.delay_ms * RATE_HZ / 1000, 1.0)
-        seen = cv2.remap(
+        image = cv2.remap(
             *(view, at.real.astype(np.float32), at.imag.astype(np.float32)),
             cv2.INTER_CUBIC,
             borderMode=cv2.BORDER_REPLICATE,
         )
-        right = case.response(np.clip(seen, 0, 255).astype(np.float32))
+        right = case.response(np.clip(image, 0, 255).astype(np.float32))
         both = np.hstack([_exact(case, number, 0.0), right])
         both += rng.normal(0, case.noise_levels, both.shape)
         frames.append(np.clip(np.rint(both), 0, 255).astype(np.uint8))

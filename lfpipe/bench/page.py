@@ -50,12 +50,12 @@ def verdict(benchmark: Benchmark, results: Results) -> Verdict | None:
     cost, error = (benchmark.column(key) for key in benchmark.charts[0])
     measured = [row for row in results.rows if {cost.key, error.key} <= row.values.keys()]
     used = next((row for row in measured if row.used), None)
-    known = [row for row in measured if used is None or row.parameter == used.parameter]
-    if not known:
+    comparable = [row for row in measured if used is None or row.parameter == used.parameter]
+    if not comparable:
         return None
-    fitting = [row for row in known if row.values[cost.key].high <= choice.limit]
+    fitting = [row for row in comparable if row.values[cost.key].high <= choice.limit]
     unsure = [
-        row for row in known if row.values[cost.key].low <= choice.limit and row not in fitting
+        row for row in comparable if row.values[cost.key].low <= choice.limit and row not in fitting
     ]
     least = min((row.value(error.key) for row in fitting), default=math.inf)
     tie = max(TIE * least, choice.difference) if fitting else 0.0
@@ -68,7 +68,7 @@ def verdict(benchmark: Benchmark, results: Results) -> Verdict | None:
         )
         return choice.key, f"undecided: {_named(best)}", why, _cost(best, cost)
     if not fitting:
-        best = min(known, key=lambda row: row.value(cost.key))
+        best = min(comparable, key=lambda row: row.value(cost.key))
         why = f"the cheapest: none takes at most {limit}"
     else:
         ties = [row for row in fitting if row.value(error.key) <= least + tie]

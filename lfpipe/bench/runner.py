@@ -136,11 +136,9 @@ def run(benchmark: Benchmark, offers: Iterable[Offer], quick: bool, progress: Pr
     for one in variants:
         if one.name not in results.failures:
             # if there are enough, without the first repetition: caches are cold
-            taken = samples[one.name][rounds > MIN_ROUNDS :]
+            warm = samples[one.name][rounds > MIN_ROUNDS :]
             times = (
-                {key: timing([sample[key] for sample in taken]) for key in taken[0]}
-                if taken
-                else {}
+                {key: timing([sample[key] for sample in warm]) for key in warm[0]} if warm else {}
             )
             values = errors[one.name] | times
             rows.append(

@@ -48,8 +48,8 @@ def subsample(field: LightField, rows: Sequence[int], cols: Sequence[int]) -> Li
     maps = estimate_disparity(kept_field.views[0])
     if maps is None:
         raise ValueError("no disparity can be estimated: one view, or the views are too small")
-    known = maps[~np.isnan(maps)] if not np.isnan(maps).all() else np.zeros(1, np.float32)
-    low, high = (float(v) for v in np.percentile(known, (0.05, 99.95)))
+    valid = maps[~np.isnan(maps)] if not np.isnan(maps).all() else np.zeros(1, np.float32)
+    low, high = (float(v) for v in np.percentile(valid, (0.05, 99.95)))
     scale = scale_for(low, high)
     return attrs.evolve(
         kept_field,
@@ -62,7 +62,7 @@ def subsample(field: LightField, rows: Sequence[int], cols: Sequence[int]) -> Li
 
 def _step(rows: Sequence[int], cols: Sequence[int]) -> int:
     """The step between kept views: the same on both axes, because disparity is per grid step."""
-    return next((kept[1] - kept[0] for kept in (cols, rows) if len(kept) > 1), 1)
+    return next((axis[1] - axis[0] for axis in (cols, rows) if len(axis) > 1), 1)
 
 
 def left_out(
@@ -98,7 +98,7 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
     if min(field.rows, field.cols) == 1:
         yield "viewpoints off the line: one line of views contains all held-out views"
     every_2nd = range(0, field.rows, 2), range(0, field.cols, 2)
-    kept = cache(partial(subsample, field, *every_2nd))  # shared
+    subsampled = cache(partial(subsample, field, *every_2nd))  # shared
     between = list(left_out(field, *every_2nd).items())
     count = min(MAX_VIEWS[0 if inputs.quick else 1], len(between))  # spread evenly
     places = np.unique(np.linspace(0, len(between) - 1, count).round()).astype(int)
@@ -108,7 +108,7 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
         yield Variant(
             curve=method,
             parameter="every 2nd view" + ("" if full else f", {size:.0%} of the width"),
-            prepare=partial(_prepare, kept, method, size, truth),
+            prepare=partial(_prepare, subsampled, method, size, truth),
             paper=full and method == "nearest",
             used=full and method == field.method,
         )

@@ -102,8 +102,8 @@ def measure(field: LightField, protocol: Protocol) -> Iterator[Variant]:
     if field.rows == field.cols == 1:
         raise ValueError("one view: no view can be held out")
     # the same on both axes, because disparity is per grid step
-    step = min(kept.step for kept in axes if len(kept) > 1)
-    rows, cols = ([kept.start + k * step for k in range(len(kept))] for kept in axes)
+    step = min(axis.step for axis in axes if len(axis) > 1)
+    rows, cols = ([axis.start + k * step for k in range(len(axis))] for axis in axes)
     if not field.present[np.ix_(rows, cols)].all():
         raise ValueError("one of the kept views is missing")
     truth = {

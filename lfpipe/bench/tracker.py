@@ -27,9 +27,9 @@ def motion_errors(eyes: NDArray[np.float64], truth: NDArray[np.float64]) -> dict
     Engines define the centre of an eye differently (lids or iris). The median offset from the
     truth, in eye distances, is therefore subtracted and reported as `offset`.
     """
-    seen = np.isfinite(eyes).all(axis=(1, 2))
-    between_px = np.linalg.norm(truth[seen, 0] - truth[seen, 1], axis=1)
-    error = (eyes[seen] - truth[seen]) / between_px[:, None, None]
+    valid = np.isfinite(eyes).all(axis=(1, 2))
+    between_px = np.linalg.norm(truth[valid, 0] - truth[valid, 1], axis=1)
+    error = (eyes[valid] - truth[valid]) / between_px[:, None, None]
     offset = np.median(error, axis=0)
     worst = np.linalg.norm(error - offset, axis=2).max(axis=1)
     blocks = np.array_split(worst, min(BLOCKS, len(worst)))

@@ -222,14 +222,14 @@ def condition_table(title: str, of: str, setups: dict[str, Setup], phases: int) 
     """
     rows = []
     for name, setup in setups.items():
-        found = [
+        outcomes = [
             condition(
                 attrs.evolve(setup, camera=attrs.evolve(setup.camera, phase=k / phases)),
                 of == "screen",
             )
             for k in range(phases)
         ]
-        values = {key: range_of([one[key] for one in found]) for key in found[0]}
+        values = {key: range_of([one[key] for one in outcomes]) for key in outcomes[0]}
         rows.append(judged(Row(name, values), of))
     note = (
         "A viewer who sways at 0.7 Hz and takes steps of 200 px/s: the mean and the range over"
@@ -297,15 +297,15 @@ def script_errors(setup: Setup, script: Script, count: int, ideal: bool) -> tupl
 def _prepare(setup: Setup, count: int, ideal: bool) -> Prepared:
     """ideal: see `script_errors`."""
     scripts = [script for script in SCRIPTS if script.name in MOVING]
-    found = [script_errors(setup, script, count, ideal) for script in scripts]
+    simulated = [script_errors(setup, script, count, ideal) for script in scripts]
     usual = [script_errors(Setup(), script, count, False) for script in scripts]
     levels, usual_levels = (
-        [float(errors.levels.mean()) for errors, _ in each] for each in (found, usual)
+        [float(errors.levels.mean()) for errors, _ in each] for each in (simulated, usual)
     )
-    off = [views for _, views in found]
+    off = [views for _, views in simulated]
     metrics = {
         "error_levels": Value(float(np.mean(levels))),
-        "error_seen": Value(float(np.mean([errors.seen.mean() for errors, _ in found]))),
+        "error_seen": Value(float(np.mean([errors.seen.mean() for errors, _ in simulated]))),
         "error_views": Value(float(np.mean(off))),
         "ratio_levels": ratio_of(levels, usual_levels),
     }

@@ -141,7 +141,7 @@ def _moved_px(a: Grey, b: Grey) -> float:
     return float(np.percentile(np.hypot(*ahead[sure].T), 97))
 
 
-def _found(a: Grey, b: Grey, y: int, x: int, side: int) -> int | None:
+def _match_x(a: Grey, b: Grey, y: int, x: int, side: int) -> int | None:
     """The x in b of the block of a at (y, x); None unless the match is unique, and level."""
     top = max(0, y - side // 2)
     strip, block = b[top : y + side + side // 2], a[y : y + side, x : x + side]
@@ -160,8 +160,8 @@ def _far(a: Grey, b: Grey, ahead: FloatMap) -> tuple[float, float] | None:
     side = min(height, width) // 7
     moves, missed = [], []
     for y, x in product(range(side // 2, height - side, side), range(0, width - side, side)):
-        there = _found(a, b, y, x, side) if a[y : y + side, x : x + side].std() > 8 else None
-        back = None if there is None else _found(b, a, y, there, side)
+        there = _match_x(a, b, y, x, side) if a[y : y + side, x : x + side].std() > 8 else None
+        back = None if there is None else _match_x(b, a, y, there, side)
         if there is not None and back is not None and abs(back - x) <= 2:
             flowed = float(np.median(ahead[y : y + side, x : x + side, 0]))
             moves.append((there - x) / width)

@@ -117,17 +117,17 @@ def list_scene(path: str | os.PathLike[str]) -> Listing:
 
     Raises UserError if it is missing, unreadable or contains too many files.
     """
-    given = Path(path)
+    place = Path(path)
     where = str(path).replace("\n", r"\n")
     try:
-        mode = given.stat().st_mode
+        mode = place.stat().st_mode
         if stat.S_ISREG(mode):
             return Listing(
-                path=given, folder=given.parent, names=(given.name,), folders=(), is_file=True
+                path=place, folder=place.parent, names=(place.name,), folders=(), is_file=True
             )
         if not stat.S_ISDIR(mode):
             raise UserError(f"{where}: neither a file nor a folder", _GIVE)
-        names, folders = entries(given)
+        names, folders = entries(place)
     except FileNotFoundError:
         raise UserError(f"{where}: no such scene", _GIVE) from None
     except (OSError, ValueError) as error:  # a NUL in the path
@@ -137,8 +137,8 @@ def list_scene(path: str | os.PathLike[str]) -> Listing:
     if not names and not folders:
         raise UserError(f"{where}: the folder is empty", _GIVE)
     return Listing(
-        path=given,
-        folder=given,
+        path=place,
+        folder=place,
         names=tuple(sorted(names, key=natural)),
         folders=tuple(sorted(folders, key=natural)),
         is_file=False,

@@ -124,9 +124,9 @@ def _time_until_right(off: Float, ms: Float, event_ms: float) -> float:
 
 def samples(run: Run, script: Script, count: int) -> list[int]:
     """The refreshes whose pictures are compared: the middles of equal parts of the windows."""
-    known = np.flatnonzero(np.any([window.holds(run.ms) for window in script.windows], axis=0))
-    places = (np.arange(count) + 0.5) * len(known) / count
-    return [int(known[place]) for place in np.unique(places.astype(int))]
+    refreshes = np.flatnonzero(np.any([window.holds(run.ms) for window in script.windows], axis=0))
+    places = (np.arange(count) + 0.5) * len(refreshes) / count
+    return [int(refreshes[place]) for place in np.unique(places.astype(int))]
 
 
 @attrs.frozen(eq=False)

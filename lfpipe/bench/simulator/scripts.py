@@ -470,11 +470,11 @@ def read_track(path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     Raises UserError if the table cannot be read.
     """
     t_s, face, eyes = read_table(path)
-    known = np.flatnonzero(face)
-    if len(known) < 2:
+    with_face = np.flatnonzero(face)
+    if len(with_face) < 2:
         raise UserError(f"{path}: contains no face", REMEDY)
     at_s = t_s[0] + np.arange(int((t_s[-1] - t_s[0]) * 1000)) / 1000
-    lx, ly, rx, ry = (np.interp(at_s, t_s[known], eyes[known, k]) for k in range(4))
+    lx, ly, rx, ry = (np.interp(at_s, t_s[with_face], eyes[with_face, k]) for k in range(4))
     eye_distance = _smoothed(np.hypot(lx - rx, ly - ry), EYE_DISTANCE_S * 1000)
     x = _smoothed((lx + rx) / 2, SMOOTH_MS)
     y = _smoothed((ly + ry) / 2, SMOOTH_MS)

@@ -118,8 +118,8 @@ class PageExport:
     def _places(self, quilt: Quilt) -> list[tuple[int, int]]:
         """(row, col) of the stored views in it, which alone have disparities."""
         rows, cols = (
-            np.rint(np.linspace(0, count - 1, kept)).astype(int).tolist()
-            for count, kept in ((self._field.rows, quilt.rows), (self._field.cols, quilt.cols))
+            np.rint(np.linspace(0, count - 1, wanted)).astype(int).tolist()
+            for count, wanted in ((self._field.rows, quilt.rows), (self._field.cols, quilt.cols))
         )
         return list(itertools.product(rows, cols))
 

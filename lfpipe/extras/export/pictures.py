@@ -125,8 +125,8 @@ def quilt_name(path: Path, cols: int, rows: int, aspect: float) -> Path:
     """path with the grid and aspect that quilt viewers read from a name; unchanged if it
     has them.
     """
-    known = re.search(r"_qs\d+x\d+", path.stem)
-    return path if known else path.with_stem(f"{path.stem}_qs{cols}x{rows}a{aspect:.2f}")
+    has_grid = re.search(r"_qs\d+x\d+", path.stem)
+    return path if has_grid else path.with_stem(f"{path.stem}_qs{cols}x{rows}a{aspect:.2f}")
 
 
 def pair_name(path: Path) -> Path:

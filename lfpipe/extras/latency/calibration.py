@@ -101,11 +101,13 @@ class CameraWatch(threading.Thread):
 
     def frames(self, since_ns: int) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
         """Stamps (n,) and pictures (n, height, width) from since_ns on."""
-        kept = [frame for frame in list(self._frames) if frame[0] >= since_ns]
+        frames = [frame for frame in list(self._frames) if frame[0] >= since_ns]
         pictures = (
-            np.stack([picture for _, picture in kept]) if kept else np.empty((0, 1, 1), np.uint8)
+            np.stack([picture for _, picture in frames])
+            if frames
+            else np.empty((0, 1, 1), np.uint8)
         )
-        return np.array([t_ns for t_ns, _ in kept], np.int64), pictures
+        return np.array([t_ns for t_ns, _ in frames], np.int64), pictures
 
     def close(self) -> None:
         self._ended.set()

@@ -205,13 +205,13 @@ def follow(views: list[Grey], most: int) -> NDArray[np.float64]:
     at[middle] = start[:, 0]
     for order in (range(middle + 1, len(views)), range(middle - 1, -1, -1)) if len(start) else ():
         before = start
-        kept = np.ones(len(start), bool)
+        tracked = np.ones(len(start), bool)
         for k in order:
             # always from the middle view, so that errors do not add up; starting at the last view's
             # position, so that it is found
             before, ok = _track(views[middle], views[k], start, before)
-            kept &= ok
-            at[k, kept] = before[kept, 0]
+            tracked &= ok
+            at[k, tracked] = before[tracked, 0]
     return at
 
 

@@ -128,11 +128,11 @@ def read_plan(path: Path) -> list[Cell]:
     return cells
 
 
-def _check_names(where: str, names: Collection[str], known: Collection[str]) -> None:
+def _check_names(where: str, names: Collection[str], allowed: Collection[str]) -> None:
     for name in names:
-        if name not in known:
-            close = closest(name, known, 0.5)
-            remedy = f"did you mean {close!r}?" if close else f"use one of {', '.join(known)}"
+        if name not in allowed:
+            close = closest(name, allowed, 0.5)
+            remedy = f"did you mean {close!r}?" if close else f"use one of {', '.join(allowed)}"
             raise UserError(f"{where}{name}: no such name", remedy)
 
 

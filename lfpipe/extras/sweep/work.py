@@ -65,13 +65,13 @@ def check_references(options: SweepOptions, cells: Iterable[Cell]) -> None:
             raise UserError(f"--expect {folder}: no such folder", "the first time, add --update")
         return
     places = [place for cell in cells if (place := options.reference(cell))]
-    taken = [place for place in places if os.path.lexists(place) and not _is_reference(place)]
+    others = [place for place in places if os.path.lexists(place) and not _is_reference(place)]
     entries = list(folder.glob("[!.]*"))
     if entries and not any(map(_is_reference, entries)):
-        taken.append(min(entries))
-    if taken:
+        others.append(min(entries))
+    if others:
         raise UserError(
-            f"--expect {folder}: {quoted(taken[0].name)} there is not a reference of a sweep",
+            f"--expect {folder}: {quoted(others[0].name)} there is not a reference of a sweep",
             "name a new folder",
         )
 

@@ -237,13 +237,13 @@ def pixel_mm(dots_per_inch: tuple[float, float], width_px: int) -> float | None:
 def monitors() -> list[Monitor]:
     """All monitors, by number. pygame.display must be initialised."""
     sizes, rates = pygame.display.get_desktop_sizes(), pygame.display.get_desktop_refresh_rates()
-    library, found = sdl_library(), list[Monitor]()
+    library, monitors = sdl_library(), list[Monitor]()
     for number, ((width_px, _), rate_hz) in enumerate(zip(sizes, rates, strict=True)):
         place = (ctypes.c_int * 4)()
         dots = [ctypes.c_float() for _ in range(3)]  # per inch: diagonally, across and down
         library.SDL_GetDisplayBounds(number, place)
         library.SDL_GetDisplayDPI(number, *map(ctypes.byref, dots))
-        found.append(
+        monitors.append(
             Monitor(
                 number=number,
                 name=(library.SDL_GetDisplayName(number) or b"").decode(errors="replace"),
@@ -255,7 +255,7 @@ def monitors() -> list[Monitor]:
                 rate_hz=float(rate_hz or NOMINAL_HZ),
             )
         )
-    return found
+    return monitors
 
 
 def find_monitor(wanted: str, offered: list[Monitor]) -> Monitor:

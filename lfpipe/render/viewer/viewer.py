@@ -121,7 +121,7 @@ class Viewer:
         self._dragged = False  # whether the eyes drag the neutral position along
         self._centre_px: tuple[float, float] | None = None  # neutral position; None: no face yet
         self._eyes_px: Eyes = (0.0, 0.0, 0.0, 0.0)
-        self._seen = False
+        self._has_seen_face = False
         self._eye_distance_px = 0.0  # follows the distance slowly
         # the same, quickly, and at once for another face
         self._near_px = 0.0
@@ -257,7 +257,7 @@ class Viewer:
 
     def recentre(self) -> None:
         """Makes the last position of the eyes the neutral position."""
-        if self._seen:
+        if self._has_seen_face:
             self._centre_px = middle_of(self._eyes_px)
             self.solver = None
 
@@ -276,7 +276,7 @@ class Viewer:
             if record is None or not record.face
             else _predicted(record, t_shown_ns - t_sensor_ns)
         )
-        if record is None or (camera_px is None and not self._seen):
+        if record is None or (camera_px is None and not self._has_seen_face):
             row, col = (self.field.rows - 1) / 2, (self.field.cols - 1) / 2
             absent = record is None or _is_absent(t_sensor_ns, t_shown_ns)
             row, left_col, right_col = self._place_alone((row, col, col), t_shown_ns, absent)
@@ -290,7 +290,7 @@ class Viewer:
         self, record: EyesRecord, camera_px: Eyes | None, t_sensor_ns: int, t_shown_ns: int
     ) -> tuple[Eyes, Position, Position]:
         """(eyes used, in px of the camera picture; left and right viewpoint)."""
-        dt_s = max(t_shown_ns - self._t_ns, 0) / 1e9 if self._seen else 0.0
+        dt_s = max(t_shown_ns - self._t_ns, 0) / 1e9 if self._has_seen_face else 0.0
         self._t_ns = t_shown_ns
         if camera_px is not None:
             self._follow_distance(record, camera_px, dt_s)
@@ -306,7 +306,7 @@ class Viewer:
             self._tracked_ns = t_sensor_ns
             self._follow_presence(record.generation, t_sensor_ns, solver, eyes_px)
             self._measure_motion(record, t_sensor_ns)
-        self._seen = True
+        self._has_seen_face = True
         if self._auto and self._centre_px is not None:
             self._follow_neutral(solver, self._centre_px, eyes_px, dt_s)
         if eyes_px is None:
@@ -369,9 +369,9 @@ class Viewer:
         if not MIN_EYE_DISTANCE_PX <= eye_distance_px <= MAX_EYE_PX:
             # that in the picture
             eye_distance_px = max(math.dist(eyes_px[:2], eyes_px[2:]), MIN_EYE_DISTANCE_PX)
-        if not self._seen:
+        if not self._has_seen_face:
             self._eye_distance_px = eye_distance_px
-        if not self._seen or record.generation != self._generation:
+        if not self._has_seen_face or record.generation != self._generation:
             self._near_px = eye_distance_px
             self._generation = record.generation
         step_px = eye_distance_px - self._eye_distance_px

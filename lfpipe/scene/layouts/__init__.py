@@ -77,16 +77,16 @@ def describe(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:
     return attrs.evolve(source, notes=tuple(note.replace("\n", r"\n") for note in source.notes))
 
 
-def _source_of(by_name: dict[str, Layout], given: Listing, scene: config.Scene) -> SceneSource:
+def _source_of(by_name: dict[str, Layout], root: Listing, scene: config.Scene) -> SceneSource:
     """The scene by the most specific layout that matches, else the pictures in subfolders.
 
     Raises UserError.
     """
     tries = list(by_name.values()) if scene.layout == "auto" else [by_name[scene.layout]]
-    listing = given
-    mark, layout = _match(tries, given)
+    listing = root
+    mark, layout = _match(tries, root)
     # 10: a layout of last resort; pictures in subfolders take precedence
-    inner = inner_listing(given) if mark <= 10 else None
+    inner = inner_listing(root) if mark <= 10 else None
     if inner is not None:
         listing = inner
         mark, layout = _match(tries, inner)
@@ -101,10 +101,10 @@ def _source_of(by_name: dict[str, Layout], given: Listing, scene: config.Scene) 
         source = attrs.evolve(source, notes=(*source.notes, *_unused(listing, source)))
     if inner is not None:
         source = attrs.evolve(
-            source, path=given.path, notes=(*source.notes, *filter(None, [note_of(given, inner)]))
+            source, path=root.path, notes=(*source.notes, *filter(None, [note_of(root, inner)]))
         )
     if source.layout != "poses":
-        source = attrs.evolve(source, notes=(*source.notes, *unused_poses(given)))
+        source = attrs.evolve(source, notes=(*source.notes, *unused_poses(root)))
     return source
 
 

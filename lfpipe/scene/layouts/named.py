@@ -158,11 +158,11 @@ def _are_parts(inner: dict[str, Listing]) -> bool:
     return numbered and all(grid is None or grid.runs for grid in grids)
 
 
-def note_of(given: Listing, inner: Listing) -> str:
+def note_of(outer: Listing, inner: Listing) -> str:
     """A note of the used and unused pictures of a folder; "" if all are used."""
-    only = {inner.path.relative_to(given.path).as_posix()} if inner.path != given.path else set()
+    only = {inner.path.relative_to(outer.path).as_posix()} if inner.path != outer.path else set()
     used = only or {name.rpartition("/")[0] for name in inner.names}
-    others = given.pictures() + [f"{name}/" for name in _with_pictures(given) if name not in used]
+    others = outer.pictures() + [f"{name}/" for name in _with_pictures(outer) if name not in used]
     notes = [f"the pictures are those of {name}" for name in only]
     return "; ".join(notes + [f"not used: {some(others)}"] * bool(others))
 

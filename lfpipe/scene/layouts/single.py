@@ -122,8 +122,8 @@ def _describe_animation(listing: Listing, scene: config.Scene) -> SceneSource:
     path = path or require_picture(listing)
     frames = _frames(path)
     grid = parse_grid(scene.grid)
-    given = grid is not None and math.prod(grid) == len(frames)
-    if is_video and grid is not None and not given:  # of the tiles in each frame
+    fits_grid = grid is not None and math.prod(grid) == len(frames)
+    if is_video and grid is not None and not fits_grid:  # of the tiles in each frame
         return _describe_tiles("mosaic-video", listing, scene)
     run = find_columns(lambda at: plane_of(frames[at]), [True] * len(frames), grid)
     if run is None:
