@@ -39,10 +39,6 @@ FAKE = Benchmark(
 )
 
 
-def quiet(*_: object) -> None:
-    pass
-
-
 class FakeModule(ModuleType):
     """The module of FAKE."""
 
@@ -80,7 +76,7 @@ def measured() -> tuple[Results, list[str]]:
         "colour: the scene is grey",
         *map(variant, ("one", "two", "throws", "nan")),
     ]
-    return run(FAKE, offers, True, quiet), repetitions
+    return run(FAKE, offers, True, print), repetitions
 
 
 def test_failures_are_kept_with_their_reason_and_repetitions_are_interleaved() -> None:
@@ -179,8 +175,8 @@ def test_nothing_that_lfpipe_did_not_write_is_replaced(
         mine = tmp_path / name
         mine.write_text("my own notes")
         with pytest.raises(UserError, match=name):
-            runner.measure(["fake"], given, tmp_path, quiet)
+            runner.measure(["fake"], given, tmp_path, print)
         assert mine.read_text() == "my own notes"
         mine.unlink()
     for _ in range(2):  # its own files are replaced
-        write_report(runner.measure(["fake"], given, tmp_path, quiet), tmp_path)
+        write_report(runner.measure(["fake"], given, tmp_path, print), tmp_path)

@@ -25,24 +25,12 @@ def main() -> int:
         machine.install_tools()
         kernel = machine.prepare(platformdirs.user_cache_path("lfpipe-vm"))
         words = [
-            sys.executable,
-            "-m",
-            "pytest",
-            "tests/camera_vm",
-            "-m",
-            "camera_vm",
-            "-p",
-            "no:cacheprovider",
-            "--timeout=90",
+            *(sys.executable, "-m", "pytest", "tests/camera_vm", "-m", "camera_vm", "-v", "-n0"),
+            *("-p", "no:cacheprovider", "--timeout=90", "--junitxml=/guest/junit.xml"),
+            *(("-k", arguments.k) if arguments.k else ()),
         ]
-        words += [
-            "-v",
-            "-n0",
-            "--junitxml=/guest/junit.xml",
-            *(["-k", arguments.k] if arguments.k else []),
-        ]
-        env = {"LFPIPE_GUEST": "1", "PYTHONUNBUFFERED": "1", "PYTHONPATH": str(Path.cwd())}
-        command = " ".join([*(f"{name}={value}" for name, value in env.items()), shlex.join(words)])
+        env = ("LFPIPE_GUEST=1", "PYTHONUNBUFFERED=1", f"PYTHONPATH={Path.cwd()}")
+        command = " ".join([*env, shlex.join(words)])
         code, output = machine.run(kernel, command, out, 900.0)
     except machine.UnavailableError as error:
         print(f"camera tests in a virtual machine: not run: {error}")

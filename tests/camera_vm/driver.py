@@ -14,7 +14,6 @@ from lfpipe.errors import UserError
 from tests.support.world import until
 
 MODULES = Path("/run/modules")
-VIVID = "vivid-000-vid-cap"
 OWN = ("vivid", "vhci-hcd", "uvcvideo")  # loaded by the tests that need them
 # drivers/media/test-drivers/vivid/vivid-ctrls.c
 TIMESTAMP_SOURCE, OSD_TEXT, SIGNAL_MODE = 0x00F0F018, 0x00F0F001, 0x00F0F03E

@@ -19,7 +19,6 @@ from tests.camera_vm import driver
 
 pytestmark = pytest.mark.camera_vm
 SMALL = config.Camera(width_px=320, height_px=180, rate_hz=10.0)
-MODULES = Path("/run/modules")
 
 
 def frames(source: CameraSource, count: int) -> tuple[np.ndarray, list[Frame]]:

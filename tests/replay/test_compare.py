@@ -273,3 +273,14 @@ def test_an_update_that_fails_keeps_the_reference(first: Path, tmp_path: Path) -
     assert sorted(path.name for path in reference.iterdir()) == ["pictures", REPORT, TRACE]
     assert json.loads((reference / REPORT).read_text())["pace"] == "step"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["now", "ref"]
+
+
+def test_pictures_that_differ_in_one_colour_have_other_digests(tmp_path: Path) -> None:
+    writer = ReplayWriter(tmp_path, str(tmp_path), False, pytest.fail)
+    digests = set()
+    for number, colour in enumerate([(0, 0, 0), *np.eye(3).tolist()]):
+        eyes = TrackedEyes(rendered.record(), Stamp(number + 1, number, 0, 0, 0, 0, 0), 0)
+        shown = rendered.presentation(eyes=eyes, picture=np.full((8, 8, 3), colour, np.uint8))
+        writer.handed_over(shown)
+        digests.add(shown.more["picture"])
+    assert len(digests) == 4
