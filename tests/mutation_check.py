@@ -23,6 +23,7 @@ COPIED = ("lfpipe", "tests", "profiling", "tools", "docs", "examples", "pyprojec
 PYTEST = (sys.executable, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", "--tb=no")
 CHOSEN = ("-m", "not nightly and not alone and not camera_vm", "-rfE")
 PROFILE = "--hypothesis-profile=unshrunk"
+FAULTS = ROOT / "tests" / "faults.toml"
 RESULTS = ROOT / "profiling" / "results" / "tests.md"
 
 
@@ -43,21 +44,21 @@ class Fault(NamedTuple):
 
 
 def faults() -> list[Fault]:
-    rows = tomllib.loads((ROOT / "tests" / "faults.toml").read_text())["fault"]
-    return [Fault(**row) for row in rows]
+    return [Fault(**row) for row in tomllib.loads(FAULTS.read_text())["fault"]]
 
 
 def missing_tests() -> list[str]:
     """Tests that are named and do not exist."""
     named = {f"tests/{one}" for fault in faults() for one in fault.tests.split()}
-    named |= set(re.findall(r"tests/[\w/]+\.py(?:::\w+)?", RESULTS.read_text()))
-    missing = []
-    for one in sorted(named):
-        path, _, name = one.partition("::")
-        file = ROOT / path
-        if not file.exists() or f"def {name}" not in file.read_text():
-            missing.append(one)
-    return missing
+    cited = re.findall(r"\b(?:tests/)?((?:\w+/)*test_\w+\.py(?:::\w+)?)", RESULTS.read_text())
+    named |= {f"tests/{one}" for one in cited}
+    return [one for one in sorted(named) if not is_there(one)]
+
+
+def is_there(test: str) -> bool:
+    path, _, name = test.partition("::")
+    file = ROOT / path
+    return file.exists() and f"def {name}" in file.read_text()
 
 
 def noticed_by(fault: Fault, copy: Path) -> list[str]:
@@ -65,9 +66,8 @@ def noticed_by(fault: Fault, copy: Path) -> list[str]:
     whole = fault.text()
     path = copy / "lfpipe" / fault.file
     path.write_text(whole.replace(fault.old, fault.new))
-    tests = [f"tests/{one}" for one in fault.tests.split()]
     run = subprocess.run(
-        [*PYTEST, *CHOSEN, PROFILE, *tests],
+        [*PYTEST, *CHOSEN, PROFILE, *(f"tests/{one}" for one in fault.tests.split())],
         cwd=copy,
         env={**os.environ, "PYTHONPATH": str(copy)},  # before the package that is installed
         capture_output=True,
@@ -75,8 +75,9 @@ def noticed_by(fault: Fault, copy: Path) -> list[str]:
         check=False,
     )
     path.write_text(whole)
-    found = re.findall(r"^(?:FAILED|ERROR) (\S+?\.py(?:::\w+)?)", run.stdout, re.M)
-    return list(dict.fromkeys(found))
+    return list(
+        dict.fromkeys(re.findall(r"^(?:FAILED|ERROR) (\S+?\.py(?:::\w+)?)", run.stdout, re.M))
+    )
 
 
 def main(words: list[str]) -> int:
@@ -90,8 +91,9 @@ def main(words: list[str]) -> int:
         print(f"no such test: {one}")
     with tempfile.TemporaryDirectory() as folder:
         for name in COPIED:
-            copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
-            copy(ROOT / name, Path(folder) / name)
+            (shutil.copytree if (ROOT / name).is_dir() else shutil.copy)(
+                ROOT / name, Path(folder) / name
+            )
         for fault in chosen:
             who = [one.removeprefix("tests/") for one in noticed_by(fault, Path(folder))]
             print(f"| {fault.name} | {fault.file} | {', '.join(who) or '**nobody**'} |", flush=True)

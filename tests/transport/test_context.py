@@ -191,6 +191,12 @@ def test_a_stage_that_sets_up_again_has_the_limits_of_its_start(make: Make) -> N
     assert context.row["state"] == State.RUNNING
 
 
+def test_report_lost_counts_a_lost_output(make: Make) -> None:
+    context = make("render", False)
+    context.report_lost("no space left")
+    assert context.row["lost_outputs"] == 1
+
+
 def test_an_output_that_ends_leaves_no_descriptor(session: Session, make: Make) -> None:
     context = make("render", False)
     counts = []
