@@ -171,7 +171,8 @@ def test_mat_both_versions_and_types(tmp_path: Path, modern: bool, dtype: str) -
 
 
 @pytest.mark.parametrize(
-    ("rows", "cols", "px"), [(9, 9, 96), (5, 7, 110), (15, 15, 64), (2, 3, 180)]
+    ("rows", "cols", "px"),
+    [(9, 9, 96), (5, 7, 110), (15, 15, 64), (2, 3, 180), (1, 7, 110), (7, 1, 110)],
 )
 @pytest.mark.parametrize("scale", [0.7, 0.995, 1.1])
 def test_tiles_may_be_no_whole_number_of_px(rows: int, cols: int, px: int, scale: float) -> None:
