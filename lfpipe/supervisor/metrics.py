@@ -407,10 +407,10 @@ class QualityControl:
                 [frozenset[str]().union(*helped[number:]) for number in range(len(helped))],
                 state.level.number,
             )
-        self._governor.best = state.best_level
         if len(self._levels) == 1 or t_ns < self._due_ns:
             return None
         self._due_ns = t_ns + SAMPLE_NS
+        self._governor.best = state.best_level
         active = {
             name: rows[name]
             for name in CORE
